@@ -1,0 +1,135 @@
+//! One control tick (SPEC section 2; the paper's figure 1): optimise, apply the synergy, integrate, clamp.
+
+use crate::Error;
+use crate::chain::{Chain, Kind, MOST_LENGTH};
+use crate::kinematics::Kinematics;
+use crate::math::MOST_ANGLE;
+use crate::real::Real;
+use crate::stepper::Stepper;
+use crate::synergy::Synergy;
+use crate::target::Target;
+
+/// Whether a tick keeps the DoFs within the chain's limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limits {
+    /// It does.
+    Clamped,
+    /// It does not (as in the paper's experiments); angles still stay within ±8192 rad, slides within ±10 km.
+    Free,
+}
+
+/// Everything about a motion that does not change while it runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Controller<'a, T, S, const N: usize> {
+    chain: &'a Chain<T, N>,
+    stepper: S,
+    synergy: Synergy<T, N>,
+    /// λ·dt.
+    gain: T,
+    /// The period, seconds.
+    dt: T,
+    lower: [T; N],
+    upper: [T; N],
+}
+
+/// Where a motion is: the joint vector and the time, in ticks since it began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State<T, const N: usize> {
+    q: [T; N],
+    tick: u32,
+}
+
+impl<T: Real, const N: usize> State<T, N> {
+    /// The joint vector: radians or metres.
+    #[inline(always)]
+    pub fn angles(&self) -> &[T; N] {
+        &self.q
+    }
+
+    /// How many ticks have run.
+    #[inline(always)]
+    pub fn ticks(&self) -> u32 {
+        self.tick
+    }
+}
+
+impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
+    /// A controller for a chain. `lambda` is the stepper's rate λ ([`Stepper::RATE`] is the SPEC's default), `dt` the
+    /// period in seconds.
+    ///
+    /// # Errors
+    /// λ or dt that is not finite, not positive, or above 1e6.
+    #[inline(always)]
+    pub fn new(
+        chain: &'a Chain<T, N>,
+        stepper: S,
+        synergy: Synergy<T, N>,
+        lambda: T,
+        dt: T,
+        limits: Limits,
+    ) -> Result<Self, Error> {
+        for x in [lambda, dt] {
+            if !T::any(T::zero().lt(x)) || !T::any(x.lt(T::of(1e6))) {
+                return Err(Error::OutOfRange {
+                    what: "λ and the period must be positive and below 1e6",
+                    joint: None,
+                });
+            }
+        }
+        let (mut lower, mut upper) = (chain.lower, chain.upper);
+        if limits == Limits::Free {
+            for ((lo, hi), kind) in lower.iter_mut().zip(&mut upper).zip(chain.kinds()) {
+                let most = match kind {
+                    Kind::Revolute => MOST_ANGLE,
+                    Kind::Prismatic => MOST_LENGTH,
+                };
+                (*lo, *hi) = (T::of(-most), T::of(most));
+            }
+        }
+        Ok(Controller {
+            chain,
+            stepper,
+            synergy,
+            gain: lambda * dt,
+            dt,
+            lower,
+            upper,
+        })
+    }
+
+    /// The state at a motion's beginning: `q` moved within the limits (to the lower one where it is NaN).
+    #[inline(always)]
+    pub fn start(&self, q: [T; N]) -> State<T, N> {
+        let mut q = q;
+        for i in 0..N {
+            q[i] = q[i].within(self.lower[i], self.upper[i]);
+        }
+        State { q, tick: 0 }
+    }
+
+    /// One tick: the state one period later. What comes out is finite and within the limits, whatever the target.
+    #[inline(always)]
+    pub fn tick<const M: usize>(&self, state: &mut State<T, N>, target: &impl Target<T, M>) {
+        let at = self.chain.forward(&state.q);
+        self.advance(state, &at, target);
+    }
+
+    /// [`tick`](Self::tick) for who has the forward kinematics of the state's joint vector at hand already.
+    #[inline(always)]
+    pub fn advance<const M: usize>(
+        &self,
+        state: &mut State<T, N>,
+        at: &Kinematics<'_, T, N>,
+        target: &impl Target<T, M>,
+    ) {
+        let error = target.error(at);
+        let step = self.stepper.step(&at.columns::<M>(), &error, self.gain);
+        let step = self.synergy.apply(&step, T::count(state.tick) * self.dt);
+        for i in 0..N {
+            // A step that is no number moves nothing.
+            let step = T::select(step[i].is_sane(), step[i], T::zero());
+            state.q[i] = (state.q[i] + step).within(self.lower[i], self.upper[i]);
+        }
+        state.tick = state.tick.saturating_add(1);
+    }
+}

@@ -1,0 +1,227 @@
+//! Forward kinematics and the Jacobian.
+//!
+//! One pass from base to tip carries a position and three axes. At each DoF: move by the fixed offset, turn by the
+//! fixed rotation (most chains have none left, see [`crate::chain`]), note the DoF's axis and origin, then turn the
+//! two other axes by q (or slide along the axis).
+//!
+//! Column i of the Jacobian at the tip: for a revolute DoF [aᵢ × (tip − oᵢ); aᵢ], for a prismatic one [aᵢ; 0], with
+//! aᵢ the axis and oᵢ the origin in the base frame: linear rows, then angular rows (Siciliano et al. 2009, *Robotics*,
+//! section 3.1.3).
+
+use nalgebra::{Isometry3, RealField, SMatrix};
+
+use crate::chain::{Axes, Chain, Kind, Shift, Turn, times, turned};
+use crate::real::Real;
+use crate::vector::{Vec3, add, cross, distance, negate, scale, sub};
+
+/// Where everything is at one posture: what [`Chain::forward`] computes once and everything else reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Kinematics<'a, T, const N: usize> {
+    chain: &'a Chain<T, N>,
+    /// The axis of each DoF, a unit vector.
+    pub(crate) axis: [Vec3<T>; N],
+    /// The origin of each DoF's frame.
+    pub(crate) origin: [Vec3<T>; N],
+    /// The tip's position.
+    pub(crate) tip: Vec3<T>,
+    /// The folded axes of the last DoF's frame.
+    last: Axes<T>,
+}
+
+impl<T: Real, const N: usize> Chain<T, N> {
+    /// Forward kinematics at the joint vector `q` (radians or metres): axes, origins and tip in the base frame.
+    /// Finite for every finite q; limits are not looked at.
+    ///
+    /// ```
+    /// let arm = sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09)?;
+    /// let hanging = arm.forward(&[0.0; 7]);
+    /// assert!((hanging.tip()[2] + 0.63).abs() < 1e-12);
+    /// assert_eq!(hanging.landmarks().count(), 4); // shoulder, elbow, wrist, hand
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    #[inline(always)]
+    pub fn forward(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
+        let (mut axes, mut at) = self.base;
+        let mut axis = [[T::zero(); 3]; N];
+        let mut origin = [[T::zero(); 3]; N];
+        for i in 0..N {
+            let link = &self.links[i];
+            at = moved(at, &axes, &link.shift);
+            axes = turned_by(axes, &link.turn);
+            match link.axis {
+                0 => (axes, axis[i]) = through::<T, 0, 1, 2>(axes, link.kind, link.flip, q[i]),
+                1 => (axes, axis[i]) = through::<T, 1, 2, 0>(axes, link.kind, link.flip, q[i]),
+                _ => (axes, axis[i]) = through::<T, 2, 0, 1>(axes, link.kind, link.flip, q[i]),
+            }
+            if link.kind == Kind::Prismatic {
+                at = add(at, scale(axis[i], q[i]));
+            }
+            origin[i] = at;
+        }
+        Kinematics {
+            chain: self,
+            axis,
+            origin,
+            tip: moved(at, &axes, &self.tip.1),
+            last: axes,
+        }
+    }
+}
+
+/// The position after a fixed offset.
+#[inline(always)]
+fn moved<T: Real>(at: Vec3<T>, axes: &Axes<T>, shift: &Shift<T>) -> Vec3<T> {
+    match *shift {
+        Shift::None => at,
+        Shift::Along(0, by) => add(at, scale(axes[0], by)),
+        Shift::Along(1, by) => add(at, scale(axes[1], by)),
+        Shift::Along(_, by) => add(at, scale(axes[2], by)),
+        Shift::General(by) => add(at, turned(axes, by)),
+    }
+}
+
+/// The axes after a fixed rotation.
+#[inline(always)]
+fn turned_by<T: Real>(axes: Axes<T>, turn: &Turn<T>) -> Axes<T> {
+    match turn {
+        Turn::None => axes,
+        Turn::General(by) => times(&axes, by),
+    }
+}
+
+/// A DoF about or along axis K, whose followers are A and B: the axes after it, and its own axis.
+#[inline(always)]
+fn through<T: Real, const K: usize, const A: usize, const B: usize>(
+    mut axes: Axes<T>,
+    kind: Kind,
+    flip: bool,
+    q: T,
+) -> (Axes<T>, Vec3<T>) {
+    if kind == Kind::Revolute {
+        let (s, c) = q.sin_cos();
+        let s = if flip { -s } else { s };
+        let (a, b) = (axes[A], axes[B]);
+        axes[A] = add(scale(a, c), scale(b, s));
+        axes[B] = sub(scale(b, c), scale(a, s));
+    }
+    (axes, if flip { negate(axes[K]) } else { axes[K] })
+}
+
+impl<T: Real, const N: usize> Kinematics<'_, T, N> {
+    /// The tip's position.
+    #[inline(always)]
+    pub fn tip(&self) -> Vec3<T> {
+        self.tip
+    }
+
+    /// The tip's axes: the columns of its rotation matrix.
+    #[inline(always)]
+    pub fn tip_axes(&self) -> [Vec3<T>; 3] {
+        turned_by(self.last, &self.chain.tip.0)
+    }
+
+    /// The landmarks: the origins of the chain's landmark DoFs in order, then the tip.
+    #[inline(always)]
+    pub fn landmarks(&self) -> impl Iterator<Item = Vec3<T>> + '_ {
+        let origins = self
+            .chain
+            .landmarks
+            .iter()
+            .filter_map(|&j| self.origin.get(usize::from(j)));
+        origins.copied().chain([self.tip])
+    }
+
+    /// The distance to another posture's landmarks, metres: dist of SPEC section 4, over the landmarks that both
+    /// have.
+    #[inline(always)]
+    pub fn distance(&self, landmarks: &[Vec3<T>]) -> T {
+        let mut sum = T::zero();
+        let mut count = 0;
+        for (&joint, &other) in self.chain.landmarks.iter().zip(landmarks) {
+            if let Some(&point) = self.origin.get(usize::from(joint)) {
+                sum = sum + distance(point, other);
+                count += 1;
+            }
+        }
+        if let Some(&other) = landmarks.get(self.chain.landmarks.len()) {
+            sum = sum + distance(self.tip, other);
+            count += 1;
+        }
+        sum * T::of(1.0 / f64::from(count.max(1)))
+    }
+
+    /// The Jacobian's columns at the tip: M = 3 linear rows, or M = 6 with the angular ones below.
+    #[inline(always)]
+    pub fn columns<const M: usize>(&self) -> [[T; M]; N] {
+        let mut columns = [[T::zero(); M]; N];
+        for i in 0..N {
+            let axis = self.axis[i];
+            let (linear, angular) = match self.chain.links[i].kind {
+                Kind::Revolute => (cross(axis, sub(self.tip, self.origin[i])), axis),
+                Kind::Prismatic => (axis, [T::zero(); 3]),
+            };
+            for r in 0..M {
+                columns[i][r] = if r < 3 {
+                    linear[r]
+                } else {
+                    angular[(r - 3) % 3]
+                };
+            }
+        }
+        columns
+    }
+}
+
+impl<T: Real + RealField, const N: usize> Kinematics<'_, T, N> {
+    /// The tip's pose in the base frame.
+    ///
+    /// ```
+    /// let arm = sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09)?;
+    /// let pose = arm.forward(&[0.0; 7]).tip_pose();
+    /// assert!(pose.rotation.angle() < 1e-12);
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    pub fn tip_pose(&self) -> Isometry3<T> {
+        pose(self.tip, self.tip_axes())
+    }
+
+    /// The pose of every DoF's own frame in the base frame, after its motion: Tᵢ of SPEC section 1.
+    pub fn frames(&self, q: &[T; N]) -> [Isometry3<T>; N] {
+        let mut frames = [Isometry3::identity(); N];
+        let mut axes = self.chain.base.0;
+        for i in 0..N {
+            let link = &self.chain.links[i];
+            axes = turned_by(axes, &link.turn);
+            axes = match link.axis {
+                0 => through::<T, 0, 1, 2>(axes, link.kind, link.flip, q[i]).0,
+                1 => through::<T, 1, 2, 0>(axes, link.kind, link.flip, q[i]).0,
+                _ => through::<T, 2, 0, 1>(axes, link.kind, link.flip, q[i]).0,
+            };
+            frames[i] = pose(self.origin[i], self.chain.unfold(i, &axes));
+        }
+        frames
+    }
+
+    /// The Jacobian at the tip as a matrix: 6×N, three linear rows (m/rad), then three angular (rad/rad), in the base
+    /// frame. `fixed_rows::<3>(0)` of it is the position task's.
+    ///
+    /// ```
+    /// let arm = sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09)?;
+    /// let jacobian = arm.forward(&[0.0; 7]).jacobian();
+    /// assert!((jacobian[(1, 0)] - 0.63).abs() < 1e-12); // flexion swings the hanging hand forward
+    /// let svd = jacobian.svd(true, true); // nalgebra's, for whatever else it is good for
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    pub fn jacobian(&self) -> SMatrix<T, 6, N> {
+        SMatrix::from(self.columns::<6>())
+    }
+}
+
+fn pose<T: Real + RealField>(at: Vec3<T>, axes: Axes<T>) -> Isometry3<T> {
+    let matrix = nalgebra::Matrix3::from(axes);
+    let rotation = nalgebra::Rotation3::from_matrix_unchecked(matrix);
+    Isometry3::from_parts(
+        nalgebra::Translation3::from(nalgebra::Vector3::from(at)),
+        nalgebra::UnitQuaternion::from_rotation_matrix(&rotation),
+    )
+}

@@ -1,0 +1,78 @@
+//! The symmetric M×M system (JJᵀ + μ²I)·y = ΔX by LDLᵀ: what a task of 3 or 6 rows needs instead of a general
+//! decomposition (Golub and Van Loan 2013, *Matrix computations*, section 4.1.2).
+
+use crate::real::Real;
+
+/// L (below the diagonal) and D (on it) of JJᵀ + μ²I.
+pub(super) struct Ldl<T, const M: usize> {
+    factors: [[T; M]; M],
+    /// The sum of the diagonal before it was factored: the sum of the squared singular values.
+    trace: T,
+}
+
+impl<T: Real, const M: usize> Ldl<T, M> {
+    #[inline(always)]
+    pub fn new<const N: usize>(j: &[[T; M]; N], damping: T) -> Self {
+        let mut f = [[T::zero(); M]; M];
+        for r in 0..M {
+            for c in 0..=r {
+                for i in 0..N {
+                    let part = j[i][r] * j[i][c];
+                    f[r][c] = if i == 0 { part } else { f[r][c] + part };
+                }
+            }
+        }
+        let mut trace = T::zero();
+        for r in 0..M {
+            f[r][r] = f[r][r] + damping;
+            trace = if r == 0 { f[r][r] } else { trace + f[r][r] };
+        }
+        for c in 0..M {
+            for r in c + 1..M {
+                // f[r][c] is L[r][c]·D[c] so far; the rows below need both.
+                let scaled = f[r][c];
+                let factor = scaled / f[c][c];
+                for k in c + 1..=r {
+                    let above = if k == r { scaled } else { f[k][c] * f[c][c] };
+                    f[r][k] = f[r][k] - factor * above;
+                }
+                f[r][c] = factor;
+            }
+        }
+        Ldl { factors: f, trace }
+    }
+
+    /// Whether the matrix is far enough from singular for this factorisation to be exact enough: surely so where
+    /// λ_min/λ_max > 1e-3, that is σ_min/σ_max > 0.03. Of M eigenvalues with sum s and product p,
+    /// λ_min ≥ p·((M−1)/s)^(M−1). False where anything is NaN.
+    #[inline(always)]
+    pub fn is_well_conditioned(&self) -> T::Mask {
+        let by = T::of((M - 1) as f64) / self.trace;
+        let mut product = T::one();
+        for r in 0..M {
+            product = product * (self.factors[r][r] * by);
+        }
+        T::of(1e-3 * (M - 1) as f64).lt(product)
+    }
+
+    /// y.
+    #[inline(always)]
+    pub fn solve(&self, right: &[T; M]) -> [T; M] {
+        let f = &self.factors;
+        let mut y = *right;
+        for r in 1..M {
+            for c in 0..r {
+                y[r] = y[r] - f[r][c] * y[c];
+            }
+        }
+        for r in 0..M {
+            y[r] = y[r] / f[r][r];
+        }
+        for r in (0..M).rev() {
+            for c in r + 1..M {
+                y[r] = y[r] - f[c][r] * y[c];
+            }
+        }
+        y
+    }
+}

@@ -1,0 +1,246 @@
+//! Synergies: how much, and when, each DoF takes part (SPEC section 3; the paper's sections 3.2 and 4).
+//!
+//! ΔΘ′ᵢ = φᵢ(t) · (M·ΔΘ)ᵢ, with M a matrix of gains and φ a function of the time since the motion began.
+
+use crate::Error;
+use crate::real::Real;
+use crate::vector::dot;
+
+/// The paper's models, by what they share between DoFs. N is the number of DoFs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Model {
+    /// One gain for all, constant in time: g.
+    A,
+    /// A gain for each DoF, constant in time: g₁…g_N.
+    B,
+    /// A gain for each DoF and one sigmoid: g₁…g_N, o, s.
+    C,
+    /// A gain and a sigmoid for each DoF: g₁…g_N, o₁…o_N, s₁…s_N.
+    D,
+}
+
+impl Model {
+    /// How many parameters there are for `n` DoFs (m in the SPEC).
+    pub const fn parameters(self, n: usize) -> usize {
+        match self {
+            Model::A => 1,
+            Model::B => n,
+            Model::C => n + 2,
+            Model::D => 3 * n,
+        }
+    }
+
+    /// The paper's bounds of parameter `k` of `n` DoFs' model: gains in [−5, 5], offsets in [0, 20], slopes in
+    /// [1, 10] (1/s).
+    pub const fn bounds(self, n: usize, k: usize) -> (f64, f64) {
+        const GAIN: (f64, f64) = (-5.0, 5.0);
+        const OFFSET: (f64, f64) = (0.0, 20.0);
+        const SLOPE: (f64, f64) = (1.0, 10.0);
+        match self {
+            Model::C if k == n => OFFSET,
+            Model::C if k == n + 1 => SLOPE,
+            Model::D if k >= 2 * n => SLOPE,
+            Model::D if k >= n => OFFSET,
+            _ => GAIN,
+        }
+    }
+}
+
+/// The spatial part, M.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Gains<T, const N: usize> {
+    Diagonal([T; N]),
+    /// Row by row.
+    Full([[T; N]; N]),
+}
+
+/// The temporal part, φ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Time<T, const N: usize> {
+    Constant,
+    Shared { offset: T, slope: T },
+    Each { offset: [T; N], slope: [T; N] },
+}
+
+/// A synergy of N DoFs with its parameters. Every number in it is finite and below 1e4 in magnitude.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Synergy<T, const N: usize> {
+    gains: Gains<T, N>,
+    time: Time<T, N>,
+}
+
+impl<T: Real, const N: usize> Synergy<T, N> {
+    /// S_A: the same gain for every DoF. With a gain of 1 it is the bare controller.
+    ///
+    /// # Errors
+    /// As every constructor here: a parameter that is not finite, or above 1e4 in magnitude.
+    #[inline(always)]
+    pub fn a(gain: T) -> Result<Self, Error> {
+        Self::b([gain; N])
+    }
+
+    /// S_B: a gain for each DoF.
+    ///
+    /// # Errors
+    /// See [`Synergy::a`].
+    #[inline(always)]
+    pub fn b(gains: [T; N]) -> Result<Self, Error> {
+        Synergy {
+            gains: Gains::Diagonal(gains),
+            time: Time::Constant,
+        }
+        .checked()
+    }
+
+    /// S_C: a gain for each DoF and one sigmoid 1/(1 + e^(−slope·t + offset)), slope in 1/s.
+    ///
+    /// # Errors
+    /// See [`Synergy::a`].
+    ///
+    /// ```
+    /// let s = sinew::synergy::Synergy::c([1.0f64; 7], 4.0, 8.0)?;
+    /// let half_way = s.apply(&[0.1; 7], 0.5); // offset / slope: the sigmoid's middle
+    /// assert!((half_way[0] - 0.05).abs() < 1e-12);
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    #[inline(always)]
+    pub fn c(gains: [T; N], offset: T, slope: T) -> Result<Self, Error> {
+        Synergy {
+            gains: Gains::Diagonal(gains),
+            time: Time::Shared { offset, slope },
+        }
+        .checked()
+    }
+
+    /// S_D: a gain and a sigmoid for each DoF.
+    ///
+    /// # Errors
+    /// See [`Synergy::a`].
+    #[inline(always)]
+    pub fn d(gains: [T; N], offset: [T; N], slope: [T; N]) -> Result<Self, Error> {
+        Synergy {
+            gains: Gains::Diagonal(gains),
+            time: Time::Each { offset, slope },
+        }
+        .checked()
+    }
+
+    /// The same spatial part with a full matrix instead of a diagonal: ΔΘᵢ mixes into every other DoF. Beyond the
+    /// paper. `gains` row by row; the temporal part stays.
+    ///
+    /// # Errors
+    /// See [`Synergy::a`].
+    ///
+    /// ```
+    /// let s = sinew::synergy::Synergy::b([1.0f64; 2])?.with_matrix([[1.0, 0.5], [0.0, 1.0]])?;
+    /// assert_eq!(s.apply(&[1.0, 2.0], 0.0), [2.0, 2.0]);
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    #[inline(always)]
+    pub fn with_matrix(self, gains: [[T; N]; N]) -> Result<Self, Error> {
+        Synergy {
+            gains: Gains::Full(gains),
+            time: self.time,
+        }
+        .checked()
+    }
+
+    /// A model's synergy from its parameters in the SPEC's order (see [`Model`]).
+    ///
+    /// # Errors
+    /// The wrong number of parameters; or see [`Synergy::a`].
+    ///
+    /// ```
+    /// use sinew::synergy::{Model, Synergy};
+    /// let s = Synergy::<f64, 7>::from_parameters(Model::A, &[0.7])?;
+    /// assert_eq!(s, Synergy::a(0.7)?);
+    /// assert!(Synergy::<f64, 7>::from_parameters(Model::C, &[0.7]).is_err());
+    /// # Ok::<(), sinew::Error>(())
+    /// ```
+    #[inline(always)]
+    pub fn from_parameters(model: Model, parameters: &[T]) -> Result<Self, Error> {
+        let expected = model.parameters(N);
+        if parameters.len() != expected {
+            return Err(Error::WrongCount {
+                what: "parameters",
+                expected,
+                found: parameters.len(),
+            });
+        }
+        let mut part = [[T::zero(); N]; 3];
+        for (row, values) in part.iter_mut().zip(parameters.chunks(N.max(1))) {
+            for (slot, &value) in row.iter_mut().zip(values) {
+                *slot = value;
+            }
+        }
+        let [gains, second, third] = part;
+        let at = |k: usize| parameters.get(k).copied().unwrap_or(T::zero());
+        match model {
+            Model::A => Self::a(at(0)),
+            Model::B => Self::b(gains),
+            Model::C => Self::c(gains, at(N), at(N + 1)),
+            Model::D => Self::d(gains, second, third),
+        }
+    }
+
+    #[inline(always)]
+    fn checked(self) -> Result<Self, Error> {
+        let acceptable = |x: &T| T::all(x.abs().lt(T::of(1e4)));
+        let gains = match &self.gains {
+            Gains::Diagonal(gains) => gains.iter().all(acceptable),
+            Gains::Full(rows) => rows.iter().flatten().all(acceptable),
+        };
+        let time = match &self.time {
+            Time::Constant => true,
+            Time::Shared { offset, slope } => acceptable(offset) && acceptable(slope),
+            Time::Each { offset, slope } => offset.iter().chain(slope).all(acceptable),
+        };
+        if gains && time {
+            Ok(self)
+        } else {
+            Err(Error::OutOfRange {
+                what: "a synergy's parameters must be finite numbers below 10,000 in magnitude",
+                joint: None,
+            })
+        }
+    }
+
+    /// ΔΘ′ = φ(t) ∘ (M·ΔΘ), `t` in seconds since the motion began.
+    #[inline(always)]
+    pub fn apply(&self, step: &[T; N], t: T) -> [T; N] {
+        let mut out = *step;
+        match &self.gains {
+            Gains::Diagonal(gains) => {
+                for i in 0..N {
+                    out[i] = gains[i] * step[i];
+                }
+            }
+            Gains::Full(rows) => {
+                for i in 0..N {
+                    out[i] = dot(&rows[i], step);
+                }
+            }
+        }
+        match &self.time {
+            Time::Constant => {}
+            Time::Shared { offset, slope } => {
+                let phi = sigmoid(*offset, *slope, t);
+                for i in 0..N {
+                    out[i] = phi * out[i];
+                }
+            }
+            Time::Each { offset, slope } => {
+                for i in 0..N {
+                    out[i] = sigmoid(offset[i], slope[i], t) * out[i];
+                }
+            }
+        }
+        out
+    }
+}
+
+/// 1/(1 + e^(−slope·t + offset)).
+#[inline(always)]
+fn sigmoid<T: Real>(offset: T, slope: T, t: T) -> T {
+    T::one() / (T::one() + (offset - slope * t).exp())
+}
