@@ -46,33 +46,40 @@ pub struct Joint<T: Scalar> {
 }
 
 /// A frame's three axes (the columns of its rotation matrix).
-pub(crate) type Axes<T> = [Vec3<T>; 3];
+pub type Axes<T> = [Vec3<T>; 3];
 
 /// An offset in the frame before, by how much of it there is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Shift<T> {
+pub enum Shift<T> {
+    /// None at all.
     None,
-    /// Along one axis (0 x, 1 y, 2 z).
+    /// Along one axis (0 x, 1 y, 2 z), metres.
     Along(usize, T),
+    /// Any other, metres.
     General(Vec3<T>),
 }
 
-/// A fixed rotation: none, or its matrix's columns.
+/// A fixed rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Turn<T> {
+pub enum Turn<T> {
+    /// None at all.
     None,
+    /// By the matrix with these columns.
     General(Axes<T>),
 }
 
-/// A DoF after folding.
+/// A DoF after folding: what is left to compute. For who writes the chain out as straight-line code.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Link<T> {
+pub struct Link<T> {
+    /// The offset of its origin in the folded frame before.
     pub shift: Shift<T>,
+    /// The rotation of its folded frame against the one before.
     pub turn: Turn<T>,
     /// The axis it moves about or along: 0 x, 1 y, 2 z of the folded frame.
     pub axis: usize,
     /// Whether that axis points the other way.
     pub flip: bool,
+    /// How it moves.
     pub kind: Kind,
     /// From the folded frame to the joint's own: columns of C⁻¹.
     unfold: Axes<T>,
@@ -146,7 +153,7 @@ impl<T: Real + Scalar, const N: usize> Chain<T, N> {
         for (i, (joint, link)) in joints.iter().zip(&mut links).enumerate() {
             let rotation = axes_of(&joint.rotation, "the rotation", Some(i))?;
             let offset = vector_of(&joint.translation, "the translation", Some(i))?;
-            let axis = unit(vector_of(&joint.axis, "the axis", Some(i))?)
+            let axis = unit(finite_vector(&joint.axis, "the axis", Some(i))?)
                 .ok_or(Error::ZeroAxis { joint: i })?;
             let most = match joint.kind {
                 Kind::Revolute => crate::math::MOST_ANGLE,
@@ -226,6 +233,21 @@ impl<T: Real, const N: usize> Chain<T, N> {
     /// The DoFs whose origins are landmarks, in chain order; the tip is one more.
     pub fn landmarks(&self) -> impl ExactSizeIterator<Item = usize> + '_ {
         self.landmarks.iter().map(|&j| usize::from(j))
+    }
+
+    /// The DoFs as they are computed.
+    pub fn links(&self) -> &[Link<T>; N] {
+        &self.links
+    }
+
+    /// The base frame: its axes and its position.
+    pub fn base(&self) -> (Axes<T>, Vec3<T>) {
+        self.base
+    }
+
+    /// From the last folded frame to the tip.
+    pub fn tip_transform(&self) -> (Turn<T>, Shift<T>) {
+        self.tip
     }
 
     /// Whether a DoF turns or slides.
@@ -395,16 +417,25 @@ fn finite<T: Real>(x: T, what: &'static str, joint: Option<usize>) -> Result<T, 
     }
 }
 
+fn finite_vector<T: Real + Scalar>(
+    v: &Vector3<T>,
+    what: &'static str,
+    joint: Option<usize>,
+) -> Result<Vec3<T>, Error> {
+    Ok([
+        finite(v.x, what, joint)?,
+        finite(v.y, what, joint)?,
+        finite(v.z, what, joint)?,
+    ])
+}
+
+/// An offset: finite, and not too long.
 fn vector_of<T: Real + Scalar>(
     v: &Vector3<T>,
     what: &'static str,
     joint: Option<usize>,
 ) -> Result<Vec3<T>, Error> {
-    let v = [
-        finite(v.x, what, joint)?,
-        finite(v.y, what, joint)?,
-        finite(v.z, what, joint)?,
-    ];
+    let v = finite_vector(v, what, joint)?;
     if v.iter().any(|x| T::any(T::of(MOST_LENGTH).lt(x.abs()))) {
         return Err(Error::OutOfRange {
             what: "no length may be above 10 km",
@@ -429,7 +460,7 @@ fn axes_of<T: Real + Scalar>(
     ];
     let norm = dot(&q, &q);
     // "Unit" is a promise that a caller can break; a little is mended, more is refused.
-    if T::any((norm - T::one()).abs().lt(T::of(1e-2))) {
+    if T::all((norm - T::one()).abs().lt(T::of(1e-2))) {
         Ok(axes_of_quaternion(q.map(|x| x / norm.sqrt())))
     } else {
         Err(Error::OutOfRange {
@@ -561,5 +592,154 @@ fn isometry<T: Real + Scalar>(at: [f64; 3]) -> Isometry3<T> {
         translation: Translation3 {
             vector: Vector3::from(at.map(T::of)),
         },
+    }
+}
+
+#[cfg(all(test, feature = "libm"))]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    /// The arm's own description, with one thing about a joint changed.
+    fn with(change: impl Fn(&mut [Joint<f64>; 7])) -> Result<Chain<f64, 7>, Error> {
+        let (mut joints, tip) = human_arm_joints(0.29, 0.25, 0.09);
+        change(&mut joints);
+        Chain::new(&isometry([0.0; 3]), &joints, &tip, &HUMAN_ARM_LANDMARKS)
+    }
+
+    /// It is refused with this error, whose message names what it is about.
+    fn refused<T>(made: Result<T, Error>, error: Error, names: &str) {
+        let found = made.map(|_| ()).unwrap_err();
+        assert_eq!(found, error);
+        assert!(found.to_string().contains(names), "{found}");
+    }
+
+    fn not_finite(what: &'static str, joint: usize) -> Error {
+        Error::NotFinite {
+            what,
+            joint: Some(joint),
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_refused() {
+        for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let (place, limit) = (not_finite("the translation", 2), not_finite("a limit", 4));
+            refused(with(|j| j[2].translation.y = x), place, "(joint 2)");
+            refused(with(|j| j[4].lower = x), limit, "(joint 4)");
+            refused(with(|j| j[4].upper = x), limit, "(joint 4)");
+            let axis = not_finite("the axis", 6);
+            refused(with(|j| j[6].axis.z = x), axis, "(joint 6)");
+            let turn = Unit::new_unchecked(Quaternion::new(1.0, x, 0.0, 0.0));
+            let rotation = not_finite("the rotation", 1);
+            refused(with(|j| j[1].rotation = turn), rotation, "(joint 1)");
+            let tip = Error::NotFinite {
+                what: "the tip transform",
+                joint: None,
+            };
+            let (joints, _) = human_arm_joints(0.29, 0.25, 0.09);
+            let chain =
+                Chain::<f64, 7>::new(&isometry([0.0; 3]), &joints, &isometry([0.0, x, 0.0]), &[]);
+            refused(chain, tip, "tip transform");
+        }
+    }
+
+    #[test]
+    fn an_axis_without_direction_is_refused_and_any_length_will_do() {
+        let zero = with(|j| j[3].axis = Vector3::zeros());
+        refused(zero, Error::ZeroAxis { joint: 3 }, "(joint 3)");
+        for length in [1e-300, 1e-30, 1.0, 1e30, 1e300] {
+            let same = with(|j| j[3].axis *= length);
+            assert_eq!(same, with(|_| ()), "{length}");
+        }
+    }
+
+    #[test]
+    fn limits_that_are_reversed_or_too_wide_are_refused() {
+        let reversed = with(|j| (j[5].lower, j[5].upper) = (0.1, -0.1));
+        refused(reversed, Error::LimitsReversed { joint: 5 }, "(joint 5)");
+        assert!(with(|j| (j[5].lower, j[5].upper) = (0.1, 0.1)).is_ok());
+        let wide = Error::OutOfRange {
+            what: "a limit must lie within ±8192 rad or ±10 km",
+            joint: Some(5),
+        };
+        refused(with(|j| j[5].upper = 8193.0), wide, "(joint 5)");
+        let slide = |upper| {
+            with(|j| {
+                j[5].kind = Kind::Prismatic;
+                j[5].upper = upper;
+            })
+        };
+        assert!(slide(8193.0).is_ok());
+        refused(slide(10_001.0), wide, "(joint 5)");
+    }
+
+    #[test]
+    fn lengths_that_no_arm_has_are_refused() {
+        let long = Error::OutOfRange {
+            what: "no length may be above 10 km",
+            joint: Some(3),
+        };
+        let far = with(|j| j[3].translation.z = -1.1e4);
+        refused(far, long, "(joint 3)");
+        let negative = Error::OutOfRange {
+            what: "a segment length must not be negative",
+            joint: None,
+        };
+        refused(
+            human_arm::<f64>(0.29, -0.25, 0.09),
+            negative,
+            "segment length",
+        );
+    }
+
+    #[test]
+    fn a_rotation_that_is_none_is_refused_and_a_rounded_one_is_mended() {
+        let wrong = Error::OutOfRange {
+            what: "a rotation must be a quaternion of length 1",
+            joint: Some(0),
+        };
+        let scaled = |by: f64| {
+            let turn = Unit::new_unchecked(Quaternion::new(by, 0.0, 0.0, 0.0));
+            with(|j| j[0].rotation = turn)
+        };
+        refused(scaled(0.0), wrong, "(joint 0)");
+        refused(scaled(1.1), wrong, "(joint 0)");
+        assert_eq!(scaled(1.001), with(|_| ()));
+    }
+
+    #[test]
+    fn landmarks_must_be_there_and_in_chain_order() {
+        let (joints, tip) = human_arm_joints(0.29, 0.25, 0.09);
+        let on = |landmarks: &[usize]| {
+            Chain::<f64, 7>::new(&isometry([0.0; 3]), &joints, &tip, landmarks)
+        };
+        for (landmarks, landmark, joint) in [
+            (&[0, 3, 7][..], 2, 7),
+            (&[0, 5, 3][..], 2, 3),
+            (&[0, 3, 3][..], 2, 3),
+            (&[usize::MAX][..], 0, usize::MAX),
+        ] {
+            let error = Error::NoSuchLandmark {
+                landmark,
+                joint,
+                joints: 7,
+            };
+            refused(on(landmarks), error, "on joints 0 to 6");
+        }
+        assert!(on(&[0, 1, 2, 3, 4, 5, 6]).is_ok());
+        assert!(on(&[]).is_ok());
+    }
+
+    #[test]
+    fn a_chain_has_as_many_joints_as_its_type_says() {
+        let (joints, tip) = human_arm_joints(0.29, 0.25, 0.09);
+        let error = Error::WrongCount {
+            what: "joints",
+            expected: 6,
+            found: 7,
+        };
+        let chain = Chain::<f64, 6>::new(&isometry([0.0; 3]), &joints, &tip, &[]);
+        refused(chain, error, "expected 6 joints, found 7");
     }
 }

@@ -69,7 +69,7 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
         limits: Limits,
     ) -> Result<Self, Error> {
         for x in [lambda, dt] {
-            if !T::any(T::zero().lt(x)) || !T::any(x.lt(T::of(1e6))) {
+            if !T::all(T::zero().lt(x)) || !T::all(x.lt(T::of(1e6))) {
                 return Err(Error::OutOfRange {
                     what: "λ and the period must be positive and below 1e6",
                     joint: None,
@@ -100,17 +100,24 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
     /// The state at a motion's beginning: `q` moved within the limits (to the lower one where it is NaN).
     #[inline(always)]
     pub fn start(&self, q: [T; N]) -> State<T, N> {
+        self.resume(q, 0)
+    }
+
+    /// The state `ticks` periods into a motion: [`start`](Self::start) for who changes the joint vector between
+    /// ticks, as a speed limit does.
+    #[inline(always)]
+    pub fn resume(&self, q: [T; N], ticks: u32) -> State<T, N> {
         let mut q = q;
         for i in 0..N {
             q[i] = q[i].within(self.lower[i], self.upper[i]);
         }
-        State { q, tick: 0 }
+        State { q, tick: ticks }
     }
 
     /// One tick: the state one period later. What comes out is finite and within the limits, whatever the target.
     #[inline(always)]
     pub fn tick<const M: usize>(&self, state: &mut State<T, N>, target: &impl Target<T, M>) {
-        let at = self.chain.forward(&state.q);
+        let at = self.chain.forward_within(&state.q);
         self.advance(state, &at, target);
     }
 
@@ -131,5 +138,58 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
             state.q[i] = (state.q[i] + step).within(self.lower[i], self.upper[i]);
         }
         state.tick = state.tick.saturating_add(1);
+    }
+}
+
+#[cfg(all(test, feature = "libm"))]
+mod tests {
+    use super::*;
+    use crate::stepper::{Damped, SelectivelyDamped, Transpose};
+
+    #[test]
+    fn a_rate_and_a_period_are_positive() {
+        let error = Error::OutOfRange {
+            what: "λ and the period must be positive and below 1e6",
+            joint: None,
+        };
+        let arm = crate::chain::human_arm::<f64>(0.29, 0.25, 0.09).unwrap();
+        let synergy = Synergy::a(1.0).unwrap();
+        for x in [0.0, -0.0, -1.0, 1e6, f64::INFINITY, f64::NAN] {
+            for (lambda, dt) in [(x, 0.01), (100.0, x)] {
+                let made = Controller::new(&arm, Transpose, synergy, lambda, dt, Limits::Clamped);
+                assert_eq!(made.map(|_| ()), Err(error), "{x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_damping_lies_in_its_range() {
+        for x in [0.0, 0.9e-3, 1.1e3, -1.0, f64::INFINITY, f64::NAN] {
+            let what = "the damping must be from 0.001 to 1000";
+            let error = Error::OutOfRange { what, joint: None };
+            assert_eq!(Damped::new(x), Err(error), "{x}");
+        }
+        for x in [0.0, -1.0, 6.4, f64::INFINITY, f64::NAN] {
+            let what = "the greatest angle must be above 0 and up to 2π";
+            let error = Error::OutOfRange { what, joint: None };
+            assert_eq!(SelectivelyDamped::new(x), Err(error), "{x}");
+        }
+        assert!(Damped::new(1e-3f32).is_ok() && Damped::new(1e3f32).is_ok());
+        assert!(SelectivelyDamped::new(core::f32::consts::TAU).is_ok());
+    }
+
+    #[test]
+    fn a_motion_starts_within_the_limits() {
+        let arm = crate::chain::human_arm::<f64>(0.29, 0.25, 0.09).unwrap();
+        let synergy = Synergy::a(1.0).unwrap();
+        let start = |limits, q: f64| {
+            let controller = Controller::new(&arm, Transpose, synergy, 100.0, 0.01, limits);
+            *controller.unwrap().start([q; 7]).angles()
+        };
+        assert_eq!(start(Limits::Clamped, 100.0), *arm.upper());
+        assert_eq!(start(Limits::Clamped, f64::NAN), *arm.lower());
+        assert_eq!(start(Limits::Clamped, f64::NEG_INFINITY), *arm.lower());
+        assert_eq!(start(Limits::Free, 100.0), [100.0; 7]);
+        assert_eq!(start(Limits::Free, f64::INFINITY), [MOST_ANGLE; 7]);
     }
 }

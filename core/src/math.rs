@@ -92,7 +92,12 @@ pub fn exp(x: f32) -> f32 {
 /// [`sin_cos`] for anything that behaves as `f32`: lanes too.
 #[inline(always)]
 pub fn sin_cos_of<T: Whole>(x: T) -> (T, T) {
-    let x = x.within(T::of(-MOST_ANGLE), T::of(MOST_ANGLE));
+    sin_cos_within_of(x.within(T::of(-MOST_ANGLE), T::of(MOST_ANGLE)))
+}
+
+/// [`sin_cos_of`] for what is known to lie within ±[`MOST_ANGLE`]: a seventh of it is saved.
+#[inline(always)]
+pub fn sin_cos_within_of<T: Whole>(x: T) -> (T, T) {
     let k = (x * T::of(core::f64::consts::FRAC_2_PI)).whole();
     let r = x - k * T::of(1.5703125);
     let r = r - k * T::of(4.837_512_969_970_703e-4);

@@ -29,7 +29,7 @@ pub fn posture_distance<T: Real>(a: &[Vec3<T>], b: &[Vec3<T>]) -> T {
 /// let recorded = [[0.0, 0.0, 0.0], [0.0, 0.0, -0.29], [0.0, 0.0, -0.54], [0.0, 0.04, -0.63]];
 /// let mut distance = MotionDistance::new();
 /// for _frame in 0..10 {
-///     distance.add(arm.forward(&[0.0; 7]).distance(&recorded));
+///     distance.add(arm.forward(&[0.0; 7]).distance(recorded));
 /// }
 /// assert!((distance.mean() - 0.01).abs() < 1e-12); // 4 cm at one of four landmarks
 /// # Ok::<(), sinew::Error>(())

@@ -67,6 +67,13 @@ pub trait Real:
     /// Sine and cosine of an angle in radians. Finite whatever the argument: see [`crate::math`].
     fn sin_cos(self) -> (Self, Self);
 
+    /// [`sin_cos`](Self::sin_cos), the same bits, of an angle that is known to lie within
+    /// ±[`MOST_ANGLE`](crate::math::MOST_ANGLE).
+    #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        self.sin_cos()
+    }
+
     /// The exponential, saturated so that it is positive, normal and finite: see [`crate::math`].
     fn exp(self) -> Self;
 
@@ -155,6 +162,11 @@ impl Real for f32 {
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         crate::math::sin_cos(self)
+    }
+    #[cfg(not(feature = "micromath"))]
+    #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        crate::math::sin_cos_within_of(self)
     }
     #[inline(always)]
     fn exp(self) -> Self {

@@ -244,3 +244,67 @@ impl<T: Real, const N: usize> Synergy<T, N> {
 fn sigmoid<T: Real>(offset: T, slope: T, t: T) -> T {
     T::one() / (T::one() + (offset - slope * t).exp())
 }
+
+#[cfg(all(test, feature = "libm"))]
+mod tests {
+    use super::*;
+    use std::{string::ToString, vec};
+
+    #[test]
+    fn parameters_that_are_no_numbers_or_too_large_are_refused() {
+        let error = Error::OutOfRange {
+            what: "a synergy's parameters must be finite numbers below 10,000 in magnitude",
+            joint: None,
+        };
+        for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e4, -1e4] {
+            let (good, bad) = ([1.0, 2.0], [1.0, x]);
+            for made in [
+                Synergy::<f64, 2>::a(x),
+                Synergy::b(bad),
+                Synergy::c(bad, 0.0, 1.0),
+                Synergy::c(good, x, 1.0),
+                Synergy::c(good, 0.0, x),
+                Synergy::d(bad, good, good),
+                Synergy::d(good, bad, good),
+                Synergy::d(good, good, bad),
+                Synergy::b(good).and_then(|s| s.with_matrix([good, bad])),
+            ] {
+                assert_eq!(made, Err(error), "{x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_model_has_as_many_parameters_as_the_spec_says() {
+        for (model, expected) in [(Model::A, 1), (Model::B, 7), (Model::C, 9), (Model::D, 21)] {
+            assert_eq!(model.parameters(7), expected);
+            assert!(Synergy::<f64, 7>::from_parameters(model, &vec![1.0; expected]).is_ok());
+            for found in [0, expected - 1, expected + 1] {
+                let made = Synergy::<f64, 7>::from_parameters(model, &vec![1.0; found]);
+                let error = Error::WrongCount {
+                    what: "parameters",
+                    expected,
+                    found,
+                };
+                assert_eq!(made, Err(error));
+                assert!(error.to_string().contains("parameters, found"), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_parameter_has_the_papers_bounds() {
+        let bounds = |model: Model, k| model.bounds(2, k);
+        for k in 0..2 {
+            for model in [Model::A, Model::B, Model::C, Model::D] {
+                assert_eq!(bounds(model, k), (-5.0, 5.0));
+            }
+        }
+        assert_eq!(
+            [2, 3].map(|k| bounds(Model::C, k)),
+            [(0.0, 20.0), (1.0, 10.0)]
+        );
+        assert_eq!([2, 3].map(|k| bounds(Model::D, k)), [(0.0, 20.0); 2]);
+        assert_eq!([4, 5].map(|k| bounds(Model::D, k)), [(1.0, 10.0); 2]);
+    }
+}

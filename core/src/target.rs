@@ -77,7 +77,7 @@ impl<T: Real> Pose<T> {
     pub fn new(at: Vec3<T>, quaternion: [T; 4]) -> Result<Self, Error> {
         let position = Position::new(at)?;
         let norm = dot(&quaternion, &quaternion).sqrt();
-        if !T::any((norm - T::one()).abs().lt(T::of(1e-2))) {
+        if !T::all((norm - T::one()).abs().lt(T::of(1e-2))) {
             return Err(Error::OutOfRange {
                 what: "a target's orientation must be a quaternion of length 1",
                 joint: None,
@@ -145,4 +145,37 @@ fn rotation_vector<T: Real>(m: &[Vec3<T>; 3]) -> Vec3<T> {
     let small = sine.lt(T::of(1e-6));
     let k = T::select(small, T::of(2.0), angle / T::select(small, one, sine));
     [x * k, y * k, z * k]
+}
+
+#[cfg(all(test, feature = "libm"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_that_is_no_number_is_refused_and_a_far_one_is_brought_near() {
+        let error = Error::NotFinite {
+            what: "a target's coordinate",
+            joint: None,
+        };
+        for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(Position::new([0.0, x, 0.0]), Err(error));
+            assert_eq!(Pose::new([0.0, x, 0.0], [0.0, 0.0, 0.0, 1.0]), Err(error));
+        }
+        let far = Position::new([1e30f32, -1e30, 1.0]).map(|target| target.coordinates());
+        assert_eq!(far, Ok([1e4, -1e4, 1.0]));
+    }
+
+    #[test]
+    fn an_orientation_is_a_quaternion_of_length_1() {
+        let error = Error::OutOfRange {
+            what: "a target's orientation must be a quaternion of length 1",
+            joint: None,
+        };
+        for wrong in [0.0, 0.98, 1.02, 1e30, f32::NAN, f32::INFINITY] {
+            assert_eq!(Pose::new([0.0; 3], [wrong, 0.0, 0.0, 0.0]), Err(error));
+        }
+        // A little rounding is mended.
+        let mended = Pose::new([0.0; 3], [0.0, 0.0, 0.0, 1.001f32]);
+        assert_eq!(mended, Pose::new([0.0; 3], [0.0, 0.0, 0.0, 1.0]));
+    }
 }

@@ -99,7 +99,7 @@ pub enum CsvError {
         found: usize,
     },
     /// A line has more or fewer fields than the header.
-    #[error("{line}: found {found} fields, expected {expected}, as many as column names")]
+    #[error("{line}: fields found: {found}, expected {expected}, as many as column names")]
     FieldCount {
         /// The line.
         line: Line,
@@ -161,7 +161,7 @@ pub enum CsvError {
         length: f64,
     },
     /// The file ends too soon.
-    #[error("{line}: the file ends after {frames} frames, expected at least 2")]
+    #[error("{line}: the file ends here, frames found: {frames}, expected at least 2")]
     TooFewFrames {
         /// The last line that was read.
         line: Line,
@@ -309,13 +309,15 @@ fn parse_bytes(bytes: &[u8], file: &str, name: &str) -> Result<Motion, CsvError>
             file: file.to_owned(),
         });
     }
-    let columns = Columns::find(&record, &lines.line_of(&record))?;
+    let mut line = lines.line_of(&record);
+    let columns = Columns::find(&record, &line)?;
 
     let mut times: Vec<f64> = Vec::new();
     let mut points = Vec::new();
     let mut phases = columns.phase.is_some().then(Vec::new);
     while next(&mut reader, &mut record, file)? {
-        let fields = columns.fields(&record, lines.line_of(&record))?;
+        line = lines.line_of(&record);
+        let fields = columns.fields(&record, &line)?;
         let time = fields.time(times.last().copied())?;
         times.push(time);
         points.push(fields.arm()?);
@@ -325,7 +327,7 @@ fn parse_bytes(bytes: &[u8], file: &str, name: &str) -> Result<Motion, CsvError>
     }
     if times.len() < 2 {
         return Err(CsvError::TooFewFrames {
-            line: lines.line_of(&record),
+            line,
             frames: times.len(),
         });
     }
@@ -478,7 +480,11 @@ impl Columns {
         })
     }
 
-    fn fields<'a>(&'a self, record: &'a StringRecord, line: Line) -> Result<Fields<'a>, CsvError> {
+    fn fields<'a>(
+        &'a self,
+        record: &'a StringRecord,
+        line: &'a Line,
+    ) -> Result<Fields<'a>, CsvError> {
         if record.len() == self.count {
             Ok(Fields {
                 columns: self,
@@ -487,7 +493,7 @@ impl Columns {
             })
         } else {
             Err(CsvError::FieldCount {
-                line,
+                line: line.clone(),
                 found: record.len(),
                 expected: self.count,
             })
@@ -499,7 +505,7 @@ impl Columns {
 struct Fields<'a> {
     columns: &'a Columns,
     record: &'a StringRecord,
-    line: Line,
+    line: &'a Line,
 }
 
 impl Fields<'_> {
@@ -739,11 +745,11 @@ mod tests {
     fn a_line_with_another_number_of_fields_is_named() {
         assert_eq!(
             complaint(with_second("0.01,0,0")),
-            "reach.csv, line 3: found 3 fields, expected 14, as many as column names"
+            "reach.csv, line 3: fields found: 3, expected 14, as many as column names"
         );
         assert_eq!(
             complaint(with_second(&format!("{SECOND},7"))),
-            "reach.csv, line 3: found 15 fields, expected 14, as many as column names"
+            "reach.csv, line 3: fields found: 15, expected 14, as many as column names"
         );
     }
 
@@ -760,11 +766,11 @@ mod tests {
     fn one_frame_is_too_few() {
         assert_eq!(
             complaint(format!("{HEADER}\n{FIRST}\n")),
-            "reach.csv, line 2: the file ends after 1 frames, expected at least 2"
+            "reach.csv, line 2: the file ends here, frames found: 1, expected at least 2"
         );
         assert_eq!(
             complaint(HEADER),
-            "reach.csv, line 1: the file ends after 0 frames, expected at least 2"
+            "reach.csv, line 1: the file ends here, frames found: 0, expected at least 2"
         );
     }
 

@@ -77,7 +77,7 @@ impl fmt::Display for Phase {
 #[non_exhaustive]
 pub enum MotionError {
     /// There is nothing to move from or to.
-    #[error("motion {name:?} has {frames} frames, expected at least 2")]
+    #[error("motion {name:?}: frames found: {frames}, expected at least 2")]
     TooFewFrames {
         /// The motion's name.
         name: String,
@@ -85,7 +85,9 @@ pub enum MotionError {
         frames: usize,
     },
     /// A base and a hand are two landmarks.
-    #[error("motion {name:?} has {landmarks} landmarks, expected at least 2: a base and a hand")]
+    #[error(
+        "motion {name:?}: landmarks found: {landmarks}, expected at least 2, a base and a hand"
+    )]
     TooFewLandmarks {
         /// The motion's name.
         name: String,
@@ -93,7 +95,7 @@ pub enum MotionError {
         landmarks: usize,
     },
     /// Times, points or phases are not one a frame.
-    #[error("motion {name:?} has {found} {what}, expected one for each of its {frames} frames")]
+    #[error("motion {name:?}: {what} found: {found}, expected one for each of its {frames} frames")]
     Uneven {
         /// The motion's name.
         name: String,
@@ -106,7 +108,7 @@ pub enum MotionError {
     },
     /// A frame has not one point for each landmark.
     #[error(
-        "motion {name:?}, frame {frame}: found {found} points, expected one for each of {expected} landmarks"
+        "motion {name:?}, frame {frame}: points found: {found}, expected one for each of {expected} landmarks"
     )]
     PointCount {
         /// The motion's name.
@@ -261,7 +263,7 @@ impl Motion {
     ///
     /// Where phases are marked it is the first unbroken run of [`Phase::Out`]. Where they are not, it is the first main reach
     /// in the speed of the hand relative to the base, which is freed of single wrong frames (a median of five) and smoothed
-    /// without delay (a Gaussian of 30 ms). That reach peaks where the speed first passes three tenths of its maximum and
+    /// without delay (a Gaussian of 30 ms). That reach peaks where the speed first passes a fifth of its maximum and
     /// climbs on, and it lasts, on both sides, until the speed
     /// - is down to 5 % of the peak: the hand is at rest, or
     /// - rises again by a tenth of the peak after a valley: the hand is in another movement.
@@ -547,7 +549,7 @@ const DESPIKE: usize = 2;
 /// The standard deviation of the Gaussian that smooths positions, s.
 const SMOOTHING: f64 = 0.03;
 /// The first peak that reaches this part of the highest speed is a reach; lower ones before it are fidgeting.
-const MAJOR: f64 = 0.3;
+const MAJOR: f64 = 0.2;
 /// A hand slower than this part of the peak rests.
 const AT_REST: f64 = 0.05;
 /// A valley lies below this part of the peak…
@@ -714,7 +716,7 @@ mod tests {
         let error = Motion::new(along_x(&[0.0])).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "motion \"made\" has 1 frames, expected at least 2"
+            "motion \"made\": frames found: 1, expected at least 2"
         );
     }
 
@@ -745,7 +747,7 @@ mod tests {
         recorded.phases = Some(vec![Phase::Rest]);
         assert_eq!(
             Motion::new(recorded).unwrap_err().to_string(),
-            "motion \"made\" has 1 phases, expected one for each of its 2 frames"
+            "motion \"made\": phases found: 1, expected one for each of its 2 frames"
         );
     }
 
@@ -1067,6 +1069,10 @@ mod tests {
         let drinking = of("D");
         let (start, _) = summary("drinking", &drinking);
         assert!(start < 0.15);
-        assert!(drinking.iter().all(|e| e.before_back > 0.0));
+        assert!(
+            drinking
+                .iter()
+                .all(|e| e.start.abs() < 0.3 && e.before_back > 0.0)
+        );
     }
 }

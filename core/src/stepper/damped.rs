@@ -18,7 +18,7 @@ impl<T: Real> Damped<T> {
     /// # Errors
     /// μ outside that range.
     pub fn new(mu: T) -> Result<Self, Error> {
-        if T::any(mu.lt(T::of(1e3))) && T::any(T::of(0.999e-3).lt(mu)) {
+        if T::all(mu.lt(T::of(1.001e3))) && T::all(T::of(0.999e-3).lt(mu)) {
             Ok(Damped { square: mu * mu })
         } else {
             Err(Error::OutOfRange {

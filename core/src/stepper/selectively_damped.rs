@@ -24,7 +24,7 @@ impl<T: Real> SelectivelyDamped<T> {
     /// # Errors
     /// γ_max outside that range.
     pub fn new(most: T) -> Result<Self, Error> {
-        if T::any(T::zero().lt(most)) && T::any(most.lt(T::of(6.3))) {
+        if T::all(T::zero().lt(most)) && T::all(most.lt(T::of(6.3))) {
             Ok(SelectivelyDamped { most })
         } else {
             Err(Error::OutOfRange {

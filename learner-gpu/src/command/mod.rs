@@ -1,0 +1,76 @@
+//! The commands, a file each, and how they end.
+
+pub mod devices;
+pub mod evaluate;
+pub mod learn;
+pub mod synthesize;
+
+use std::fmt;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Why a command did not do what it was asked.
+pub enum Failure {
+    /// What the person gave is wrong: exit code 2.
+    Input(String),
+    /// Something failed: exit code 1.
+    Run(String),
+}
+
+impl Failure {
+    /// What was given is wrong.
+    pub fn input(error: impl fmt::Display) -> Self {
+        Failure::Input(error.to_string())
+    }
+
+    /// Something failed.
+    pub fn run(error: impl fmt::Display) -> Self {
+        Failure::Run(error.to_string())
+    }
+
+    /// The program's exit code.
+    pub fn code(&self) -> ExitCode {
+        ExitCode::from(match self {
+            Failure::Input(_) => 2,
+            Failure::Run(_) => 1,
+        })
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Failure::Input(text) | Failure::Run(text) => f.write_str(text),
+        }
+    }
+}
+
+/// Prints to standard output. A reader that goes away (`| head`) is no failure.
+pub fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::run(error)),
+        _ => Ok(()),
+    }
+}
+
+/// A table: a left-aligned first column, the others aligned right.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        for (column, (cell, &width)) in row.iter().zip(&widths).enumerate() {
+            match column {
+                0 => text.push_str(&format!("{cell:<width$}")),
+                _ => text.push_str(&format!("  {cell:>width$}")),
+            }
+        }
+        text.truncate(text.trim_end().len());
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,109 @@
+//! `sinew synthesize`: a motion to a new target.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use sinew_learn::output;
+use sinew_learn::synergies::{LearnedMotion, Synergies};
+use sinew_learn::synthesis::{Synthesis, synthesize};
+
+use super::{Failure, print};
+
+/// Synthesise a reach to a new target with learned synergies, and write it as CSV
+///
+/// The parameters, the initial posture and the duration are those of the learned motion whose target is nearest, or of
+/// the one named. The CSV has the recordings' columns, in the base frame, then one column a joint.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The file that `sinew learn` wrote
+    #[arg(value_name = "SYNERGIES.json")]
+    file: PathBuf,
+    /// Where the hand is to go, metres from the shoulder (the base frame)
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    target: [f64; 3],
+    /// Where to write the motion
+    #[arg(long, value_name = "FILE")]
+    csv: PathBuf,
+    /// Use the synergy learned from this recording instead of the one with the nearest target
+    #[arg(long, value_name = "RECORDING")]
+    motion: Option<String>,
+    /// How long the motion is, seconds [default: as long as the learned one]
+    #[arg(long)]
+    seconds: Option<f64>,
+}
+
+/// Three finite numbers with commas between.
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let parts: Vec<&str> = text.split(',').collect();
+    let [x, y, z] = parts.as_slice() else {
+        return Err(format!(
+            "expected three numbers X,Y,Z, found {}",
+            parts.len()
+        ));
+    };
+    let number = |part: &str| match part.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("expected a number of metres, found {part:?}")),
+    };
+    Ok([number(x)?, number(y)?, number(z)?])
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
+    let motion = choose(&synergies, arguments)?;
+    if let Some(seconds) = arguments.seconds
+        && !(seconds > 0.0 && seconds <= 3600.0)
+    {
+        return Err(Failure::Input(format!(
+            "--seconds is {seconds}, expected above 0 and up to 3600"
+        )));
+    }
+    let frames = match arguments.seconds {
+        Some(seconds) => (seconds * synergies.rate_hz).round() as usize + 1,
+        None => motion.frames,
+    };
+    let synthesis =
+        synthesize(&synergies, motion, arguments.target, frames).map_err(Failure::input)?;
+    let text = synthesis.csv();
+    output::replace(&arguments.csv, text.as_bytes())
+        .map_err(|error| Failure::run(format!("{}: {error}", arguments.csv.display())))?;
+    let Synthesis { left, .. } = synthesis;
+    print(&format!(
+        "{}: {frames} frames at {} Hz with the synergy of {}; the hand ends {:.1} cm from the target\n",
+        arguments.csv.display(),
+        synergies.rate_hz,
+        motion.file,
+        left * 100.0
+    ))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The learned motion to take the synergy from.
+fn choose<'a>(
+    synergies: &'a Synergies,
+    arguments: &Arguments,
+) -> Result<&'a LearnedMotion, Failure> {
+    let chosen = match &arguments.motion {
+        Some(name) => synergies.motions.iter().find(|motion| {
+            motion.file == *name
+                || Path::new(&motion.file)
+                    .file_stem()
+                    .is_some_and(|stem| stem.to_str() == Some(name))
+        }),
+        None => synergies.motions.iter().min_by(|a, b| {
+            let apart = |motion: &LearnedMotion| {
+                (0..3)
+                    .map(|r| (motion.target[r] - arguments.target[r]).powi(2))
+                    .sum::<f64>()
+            };
+            apart(a).total_cmp(&apart(b))
+        }),
+    };
+    chosen.ok_or_else(|| {
+        Failure::Input(match &arguments.motion {
+            Some(name) => format!("{}: no motion {name:?} in it", arguments.file.display()),
+            None => format!("{}: no motion in it", arguments.file.display()),
+        })
+    })
+}

@@ -1,0 +1,169 @@
+//! An open device: its queue, what it complained of, and the way back to the host.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use wgpu::{
+    Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, DeviceDescriptor, Limits,
+    MapMode, PollError, PollType,
+};
+
+use super::adapter::{self, Adapter, Which};
+use super::error::GpuError;
+
+/// A device that does not answer for so long is taken for lost.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What the device complained of since it was opened: wgpu tells by callbacks, from whatever call is at hand.
+#[derive(Debug, Default)]
+struct Complaints {
+    lost: Option<String>,
+    refused: Option<String>,
+}
+
+/// An open device.
+pub(super) struct Device {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub adapter: Adapter,
+    complaints: Arc<Mutex<Complaints>>,
+}
+
+impl Device {
+    /// The first of the adapters that opens.
+    ///
+    /// # Errors
+    /// No adapter, or none that opens: what the last one said.
+    pub fn open(which: &Which) -> Result<Self, GpuError> {
+        let mut last = GpuError::NoAdapter;
+        for candidate in adapter::candidates(which)? {
+            match Self::of(&candidate) {
+                Ok(device) => return Ok(device),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    }
+
+    fn of(candidate: &wgpu::Adapter) -> Result<Self, GpuError> {
+        let adapter = adapter::describe(candidate);
+        let descriptor = DeviceDescriptor {
+            label: Some("sinew"),
+            required_limits: Limits::default().or_worse_values_from(&candidate.limits()),
+            ..DeviceDescriptor::default()
+        };
+        let (device, queue) =
+            pollster::block_on(candidate.request_device(&descriptor)).map_err(|error| {
+                GpuError::Open {
+                    adapter: adapter.to_string(),
+                    reason: error.to_string(),
+                }
+            })?;
+        let complaints = Arc::new(Mutex::new(Complaints::default()));
+        let heard = Arc::clone(&complaints);
+        device.set_device_lost_callback(move |reason, message| {
+            let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
+            heard
+                .lost
+                .get_or_insert(format!("{reason:?} {message}").trim().to_owned());
+        });
+        let heard = Arc::clone(&complaints);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
+            heard.refused.get_or_insert(error.to_string());
+        }));
+        Ok(Device {
+            device,
+            queue,
+            adapter,
+            complaints,
+        })
+    }
+
+    /// What the device complained of, if it did.
+    ///
+    /// # Errors
+    /// That.
+    pub fn check(&self) -> Result<(), GpuError> {
+        let mut complaints = self
+            .complaints
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let refused = complaints.refused.take();
+        match (&complaints.lost, refused) {
+            (Some(lost), _) => Err(GpuError::Lost(lost.clone())),
+            (None, Some(refused)) => Err(GpuError::Refused(refused)),
+            (None, None) => Ok(()),
+        }
+    }
+
+    /// Waits until all that was submitted is done.
+    ///
+    /// # Errors
+    /// The device is lost, or complained.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        match self.device.poll(PollType::Wait {
+            submission_index: None,
+            timeout: Some(PATIENCE),
+        }) {
+            Ok(_) => self.check(),
+            Err(PollError::Timeout) => Err(GpuError::Lost(format!(
+                "it did not answer for {} seconds",
+                PATIENCE.as_secs()
+            ))),
+            Err(error) => Err(GpuError::Lost(error.to_string())),
+        }
+    }
+
+    /// A storage buffer with these words in it, and room for at least one 16-byte item: a binding must not be empty.
+    pub fn storage(&self, label: &str, words: &[u32]) -> Buffer {
+        let buffer = self.device.create_buffer(&BufferDescriptor {
+            label: Some(label),
+            size: words.len().max(4) as u64 * 4,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        if !words.is_empty() {
+            self.queue.write_buffer(&buffer, 0, &bytes(words));
+        }
+        buffer
+    }
+
+    /// A buffer's words.
+    ///
+    /// # Errors
+    /// The device is lost, or has no memory for the copy.
+    pub fn read(&self, buffer: &Buffer) -> Result<Vec<u32>, GpuError> {
+        let copy = self.device.create_buffer(&BufferDescriptor {
+            label: Some("read-back"),
+            size: buffer.size(),
+            usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self
+            .device
+            .create_command_encoder(&CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, buffer.size());
+        self.queue.submit([encoder.finish()]);
+        // Whether mapping failed shows in the view below.
+        copy.map_async(MapMode::Read, .., |_| {});
+        self.wait()?;
+        let view = copy
+            .get_mapped_range(..)
+            .map_err(|error| GpuError::Lost(error.to_string()))?;
+        let words = view
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|&word| u32::from_ne_bytes(word))
+            .collect();
+        drop(view);
+        copy.unmap();
+        Ok(words)
+    }
+}
+
+/// Words as the device sees them.
+pub(super) fn bytes(words: &[u32]) -> Vec<u8> {
+    words.iter().flat_map(|word| word.to_ne_bytes()).collect()
+}

@@ -1,0 +1,114 @@
+//! The problem's motions as the kernel reads them: the arms' common structure, and numbers and frames of each.
+
+use sinew::chain::Chain;
+use sinew::synergy::Model;
+use sinew::target::Position;
+
+use super::error::GpuError;
+use crate::kernel::compose::{Method, Structure};
+use crate::problem::{Problem, with_dofs};
+use crate::task::{Task, TaskError};
+
+/// All motions, ready to be uploaded.
+pub(super) struct Motions {
+    /// What the kernel is composed for.
+    pub structure: Structure,
+    /// One for each task.
+    pub each: Vec<Motion>,
+}
+
+/// One motion.
+pub(super) struct Motion {
+    /// Its row of numbers.
+    pub numbers: Vec<u32>,
+    /// Its recorded points, x, y, z, frame after frame.
+    pub recorded: Vec<u32>,
+    /// How many frames that are.
+    pub frames: u32,
+}
+
+impl Motions {
+    /// The motions of a problem.
+    ///
+    /// # Errors
+    /// A task that the core refuses, arms that share no structure, or a frame with the wrong number of points.
+    pub fn new(problem: &Problem) -> Result<Self, GpuError> {
+        let dofs = problem.dofs();
+        with_dofs!(dofs, N => Self::sized::<N>(problem), else Err(TaskError::Dofs { found: dofs }.into()))
+    }
+
+    fn sized<const N: usize>(problem: &Problem) -> Result<Self, GpuError> {
+        let settings = &problem.settings;
+        let method = Method {
+            stepper: settings.stepper.stepper(),
+            model: Model::from(settings.model),
+            lambda: settings.lambda as f32,
+            dt: settings.dt() as f32,
+            clamped: settings.clamped,
+        };
+        let chains = problem
+            .tasks
+            .iter()
+            .map(|task| Ok(task.chain.build::<N>().map_err(TaskError::from)?.cast()))
+            .collect::<Result<Vec<Chain<f32, N>>, GpuError>>()?;
+        let structure = Structure::new(&chains, &method)?;
+        let each = problem
+            .tasks
+            .iter()
+            .zip(&chains)
+            .map(|(task, chain)| Motion::new(task, chain, &structure))
+            .collect::<Result<_, _>>()?;
+        Ok(Motions { structure, each })
+    }
+}
+
+impl Motion {
+    fn new<const N: usize>(
+        task: &Task,
+        chain: &Chain<f32, N>,
+        structure: &Structure,
+    ) -> Result<Self, GpuError> {
+        let initial =
+            <[f64; N]>::try_from(task.initial.as_slice()).map_err(|_| TaskError::Posture {
+                motion: task.name.clone(),
+                expected: N,
+                found: task.initial.len(),
+            })?;
+        let target =
+            Position::new(task.target.map(|x| x as f32)).map_err(|error| TaskError::Core {
+                motion: task.name.clone(),
+                error,
+            })?;
+        let points = structure.points();
+        if let Some((frame, wrong)) = task
+            .reference
+            .iter()
+            .enumerate()
+            .find(|(_, frame)| frame.len() != points)
+        {
+            let motion = task.name.clone();
+            return Err(GpuError::Points {
+                motion,
+                frame,
+                expected: points,
+                found: wrong.len(),
+            });
+        }
+        let numbers = structure.numbers(
+            chain,
+            &initial.map(|angle| angle as f32),
+            target.coordinates(),
+        );
+        Ok(Motion {
+            numbers: numbers.into_iter().map(f32::to_bits).collect(),
+            recorded: task
+                .reference
+                .iter()
+                .flatten()
+                .flatten()
+                .map(|&x| (x as f32).to_bits())
+                .collect(),
+            frames: task.reference.len() as u32,
+        })
+    }
+}

@@ -1,0 +1,135 @@
+//! A generation of one island: propose, score, accept (SPEC section 6). Mirror of `anneal.wgsl`.
+
+use fearless_simd::Simd;
+use serde::{Deserialize, Serialize};
+use sinew::real::Real;
+
+use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, first, parameter, propose};
+use super::score::Ready;
+use crate::lanes::{Instructions, Lanes};
+use crate::problem::Settings;
+
+/// The score of a member that has none yet: every score is better.
+pub const UNSCORED: f32 = 1e30;
+
+/// Members that evolve together, and the best that was ever among them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Island {
+    /// For each parameter, the members' genes: [`ISLAND`] of them.
+    pub genes: Vec<Vec<u32>>,
+    /// Each member's score, metres.
+    pub scores: Vec<f32>,
+    /// The genes of the best ever.
+    pub best: Vec<u32>,
+    /// Its score, metres.
+    pub best_score: f32,
+}
+
+impl Island {
+    /// Before generation 0.
+    pub fn new(genes: usize) -> Self {
+        Island {
+            genes: vec![vec![0; ISLAND]; genes],
+            scores: vec![UNSCORED; ISLAND],
+            best: vec![0; genes],
+            best_score: UNSCORED,
+        }
+    }
+}
+
+/// Which island this is, and what its members are scored on.
+pub struct Place<'a, S: Simd, const N: usize> {
+    /// How the controller is set.
+    pub settings: &'a Settings,
+    /// The bounds of each parameter.
+    pub bounds: &'a [(f32, f32)],
+    /// The motions of the set.
+    pub motions: &'a [Ready<Lanes<S>, N>],
+    /// The run's seed.
+    pub seed: u64,
+    /// The set's number.
+    pub set: u32,
+    /// The island's number in its set.
+    pub island: u32,
+}
+
+impl<S: Instructions, const N: usize> Place<'_, S, N> {
+    /// Runs one generation.
+    #[inline(always)]
+    pub fn generation(&self, island: &mut Island, generation: u32) {
+        let lanes = Lanes::<S>::COUNT;
+        let count = island.genes.len();
+        let mut genes = [[0; ISLAND]; MOST_GENES];
+        for (row, members) in genes.iter_mut().zip(&island.genes) {
+            row.copy_from_slice(members);
+        }
+        let genes = &genes[..count];
+        let (best, temperature) = spread(&island.scores, count);
+
+        for start in (0..ISLAND).step_by(lanes) {
+            let mut proposed = [[0; MOST_GENES]; 16];
+            let mut luck = [0; 16];
+            let mut values = [[0.0; 16]; MOST_GENES];
+            for lane in 0..lanes {
+                let me = start + lane;
+                let draws = Draws {
+                    seed: [self.seed as u32, (self.seed >> 32) as u32],
+                    set: self.set,
+                    member: self.island * ISLAND as u32 + me as u32,
+                    generation,
+                };
+                let own = draws.block(0);
+                luck[lane] = own[2];
+                proposed[lane] = match generation {
+                    0 => first(&draws, count),
+                    _ => propose(&draws, own, genes, me, best),
+                };
+                for k in 0..count {
+                    values[k][lane] = parameter(proposed[lane][k], self.bounds[k]);
+                }
+            }
+            let mut parameters = [Lanes::<S>::zero(); MOST_GENES];
+            for (parameter, values) in parameters.iter_mut().zip(&values) {
+                *parameter = Lanes::load(&values[..lanes]);
+            }
+            let mut scores = [0.0; 16];
+            self.score(&parameters[..count]).store(&mut scores[..lanes]);
+
+            for lane in 0..lanes {
+                let me = start + lane;
+                if accepts(island.scores[me], scores[lane], temperature, luck[lane]) {
+                    island.scores[me] = scores[lane];
+                    for (row, &gene) in island.genes.iter_mut().zip(&proposed[lane]) {
+                        row[me] = gene;
+                    }
+                }
+                if scores[lane] < island.best_score {
+                    island.best_score = scores[lane];
+                    island.best.copy_from_slice(&proposed[lane][..count]);
+                }
+            }
+        }
+    }
+
+    /// The mean over the set's motions.
+    #[inline(always)]
+    fn score(&self, parameters: &[Lanes<S>]) -> Lanes<S> {
+        let mut sum = Lanes::zero();
+        for motion in self.motions {
+            sum = sum + motion.score(self.settings, parameters);
+        }
+        sum / Lanes::count(self.motions.len() as u32)
+    }
+}
+
+/// The member with the least score, and the temperature: the mean less the least, over the number of parameters.
+fn spread(scores: &[f32], genes: usize) -> (usize, f32) {
+    let (mut best, mut least, mut sum) = (0, UNSCORED, 0.0);
+    for (member, &score) in scores.iter().enumerate() {
+        sum += score;
+        if score < least {
+            (best, least) = (member, score);
+        }
+    }
+    (best, (sum / ISLAND as f32 - least) / genes as f32)
+}

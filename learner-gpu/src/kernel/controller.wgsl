@@ -1,0 +1,27 @@
+// One control tick (SPEC section 2): optimise, apply the synergy, integrate, clamp. Mirror of core/src/controller.rs.
+
+/// λ·dt.
+const GAIN = ${gain};
+/// The period, seconds.
+const DT = ${dt};
+
+/// The joint vector at a motion's beginning.
+fn start(arm: Arm) -> Joints {
+    return Joints(
+        //% for i in range(dofs)
+        within(arm.initial_${i}, ${links[i].lower}, ${links[i].upper}),
+        //% endfor
+    );
+}
+
+/// The joint vector one period later.
+fn tick(arm: Arm, parameters: Parameters, q: Joints, at: Kinematics, count: u32) -> Joints {
+    let error = arm.target_at - at.tip;
+    let step = apply(parameters, optimise(columns(at), error, GAIN), f32(count) * DT);
+    return Joints(
+        // A step that is no number moves nothing.
+        //% for i in range(dofs)
+        within(q[${i}] + select(0.0, step[${i}], is_sane(step[${i}])), ${links[i].lower}, ${links[i].upper}),
+        //% endfor
+    );
+}

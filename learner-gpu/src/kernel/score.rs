@@ -1,0 +1,110 @@
+//! A member's score: its motions synthesised and compared with the recordings (SPEC sections 4 to 6). Mirror of
+//! `score.wgsl`.
+//!
+//! The tick itself is the core's: its source is generic, so here it runs on SIMD lanes as it runs in `f64`.
+
+use sinew::chain::Chain;
+use sinew::controller::Controller;
+use sinew::kinematics::Kinematics;
+use sinew::metric::MotionDistance;
+use sinew::real::Real;
+use sinew::synergy::Synergy;
+use sinew::target::Position;
+
+use crate::problem::Settings;
+use crate::task::{Task, TaskError};
+
+/// One motion made ready for N DoFs and a scalar.
+#[derive(Clone, Debug)]
+pub struct Ready<T, const N: usize> {
+    chain: Chain<T, N>,
+    initial: [T; N],
+    target: Position<T>,
+    /// Frames of landmarks, the tip last; metres.
+    reference: Vec<Vec<[f64; 3]>>,
+}
+
+impl<T: Real, const N: usize> Ready<T, N> {
+    /// A task's motion.
+    ///
+    /// # Errors
+    /// What is wrong with the chain, or a posture of another size.
+    pub fn new(task: &Task) -> Result<Self, TaskError> {
+        let chain = task.chain.build::<N>()?;
+        let initial =
+            <[f64; N]>::try_from(task.initial.as_slice()).map_err(|_| TaskError::Posture {
+                motion: task.name.clone(),
+                expected: N,
+                found: task.initial.len(),
+            })?;
+        Ok(Ready {
+            chain: chain.cast(),
+            initial: initial.map(T::of),
+            target: Position::new(task.target.map(T::of)).map_err(|error| TaskError::Core {
+                motion: task.name.clone(),
+                error,
+            })?,
+            reference: task.reference.clone(),
+        })
+    }
+
+    /// The mean distance in metres between the recording and the motion synthesised with these parameters; 1e9 where
+    /// the parameters are no synergy's.
+    #[inline(always)]
+    pub fn score(&self, settings: &Settings, parameters: &[T]) -> T {
+        let mut distance = MotionDistance::new();
+        let frames = self.reference.len();
+        let valid = self.synthesise(
+            settings,
+            parameters,
+            frames,
+            #[inline(always)]
+            |frame, at, _| {
+                if let Some(landmarks) = self.reference.get(frame) {
+                    distance.add(
+                        at.distance(
+                            landmarks
+                                .iter()
+                                .map(|&[x, y, z]| [T::of(x), T::of(y), T::of(z)]),
+                        ),
+                    );
+                }
+            },
+        );
+        if valid.is_ok() {
+            distance.mean()
+        } else {
+            T::of(1e9)
+        }
+    }
+
+    /// Runs the controller for `frames` frames, of which the first is the initial posture. `visit` sees each frame's
+    /// number, forward kinematics and joint vector.
+    ///
+    /// # Errors
+    /// Parameters or settings that the core refuses.
+    #[inline(always)]
+    pub fn synthesise(
+        &self,
+        settings: &Settings,
+        parameters: &[T],
+        frames: usize,
+        mut visit: impl FnMut(usize, &Kinematics<'_, T, N>, &[T; N]),
+    ) -> Result<(), sinew::Error> {
+        let synergy = Synergy::<T, N>::from_parameters(settings.model.into(), parameters)?;
+        let (lambda, dt) = (T::of(settings.lambda), T::of(settings.dt()));
+        let stepper = settings.stepper.stepper::<T>();
+        let controller =
+            Controller::new(&self.chain, stepper, synergy, lambda, dt, settings.limits())?;
+        let mut state = controller.start(self.initial);
+        for frame in 0..frames {
+            // One forward kinematics a frame, for who looks on and for the tick.
+            let at = self.chain.forward(state.angles());
+            visit(frame, &at, state.angles());
+            if frame + 1 < frames {
+                controller.advance(&mut state, &at, &self.target);
+            }
+        }
+        Ok(())
+    }
+}

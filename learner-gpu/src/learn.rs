@@ -1,0 +1,435 @@
+//! The search from beginning to end: generations on a backend, progress, stopping, going on, and the winners scored
+//! again.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use crate::gpu::{Gpu, GpuError};
+use crate::kernel::anneal::Island;
+use crate::kernel::proposal::parameter;
+use crate::problem::Problem;
+use crate::synergies::score;
+use crate::task::TaskError;
+use crate::{cpu, output};
+
+/// The stop rule is looked at every so many generations, so that it does not depend on how fast the machine is.
+const GENERATIONS_A_LOOK: u32 = 32;
+
+/// The search has settled when the population's mean score fell by less than this share since half as many
+/// generations ago.
+const SETTLED: f64 = 0.005;
+
+/// Fewer generations than this are never called settled.
+const LEAST_GENERATIONS: u32 = 256;
+
+/// A checkpoint is written at least this often, seconds.
+const CHECKPOINT_EVERY: f64 = 20.0;
+
+/// What goes wrong while learning.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LearnError {
+    /// A task is wrong.
+    #[error(transparent)]
+    Task(#[from] TaskError),
+    /// The device failed and may not be replaced.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The checkpoint cannot be written.
+    #[error("{path}: {error}")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+}
+
+/// Where generations run.
+pub enum Backend {
+    /// SIMD lanes and threads.
+    Cpu,
+    /// The device, with the population on it.
+    Gpu {
+        /// The device.
+        device: Box<Gpu>,
+        /// Whether the CPU may take over when the device fails.
+        or_cpu: bool,
+    },
+}
+
+/// How far a search is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Search {
+    /// Generations that ran.
+    pub generation: u32,
+    /// The population.
+    pub islands: Vec<Island>,
+    /// Seconds it took so far.
+    pub seconds: f64,
+    /// The population's mean score (metres) at every look.
+    means: Vec<f64>,
+    settled: bool,
+}
+
+/// What [`Search::run`] tells while it runs.
+pub struct Progress {
+    /// Generations that ran.
+    pub generation: u32,
+    /// The mean over the sets of the best distance so far, metres.
+    pub best: f64,
+    /// The population's mean distance, metres.
+    pub mean: f64,
+}
+
+/// How a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The population's mean has settled.
+    Settled,
+    /// All generations ran.
+    Budget,
+    /// It was told to stop.
+    Stopped,
+}
+
+impl Search {
+    /// Before the first generation.
+    pub fn new(problem: &Problem) -> Self {
+        let count = problem.sets.len() * problem.islands;
+        Search {
+            generation: 0,
+            islands: vec![Island::new(problem.genes()); count],
+            seconds: 0.0,
+            means: Vec::new(),
+            settled: false,
+        }
+    }
+
+    /// Runs until the search has settled, `generations` have run, or `stop` is set. `checkpoint`, where there is one,
+    /// is where the state is kept meanwhile; `report` is told how it goes, and in words what is out of the ordinary.
+    ///
+    /// # Errors
+    /// A task that the core refuses, a device that fails where the CPU may not take over, or a checkpoint that cannot
+    /// be written.
+    pub fn run(
+        &mut self,
+        problem: &Problem,
+        backend: &mut Backend,
+        generations: u32,
+        stop: &AtomicBool,
+        checkpoint: Option<&Checkpoint>,
+        mut report: impl FnMut(Result<Progress, String>),
+    ) -> Result<Ended, LearnError> {
+        let before = self.seconds;
+        let began = Instant::now();
+        let mut saved = 0.0;
+        while !self.settled && self.generation < generations {
+            let look = (self.generation / GENERATIONS_A_LOOK + 1) * GENERATIONS_A_LOOK;
+            match self.advance(problem, backend, look.min(generations), stop) {
+                Ok(()) => {}
+                Err(LearnError::Gpu(error))
+                    if matches!(backend, Backend::Gpu { or_cpu: true, .. }) =>
+                {
+                    // What is here is the last read-back, whole: nothing but the time since is lost.
+                    report(Err(format!(
+                        "{error}; going on with the CPU from generation {}",
+                        self.generation
+                    )));
+                    *backend = Backend::Cpu;
+                    continue;
+                }
+                Err(error) => return Err(error),
+            }
+            let elapsed = began.elapsed().as_secs_f64();
+            self.seconds = before + elapsed;
+            let progress = self.progress(problem);
+            if self.generation == look {
+                self.look(progress.mean);
+            }
+            report(Ok(progress));
+
+            let stopped = stop.load(Ordering::Relaxed) && self.generation < generations;
+            if let Some(checkpoint) = checkpoint
+                && (stopped || elapsed - saved > CHECKPOINT_EVERY)
+            {
+                checkpoint.write(self)?;
+                saved = elapsed;
+            }
+            if stopped {
+                return Ok(Ended::Stopped);
+            }
+        }
+        Ok(if self.settled {
+            Ended::Settled
+        } else {
+            Ended::Budget
+        })
+    }
+
+    fn advance(
+        &mut self,
+        problem: &Problem,
+        backend: &mut Backend,
+        to: u32,
+        stop: &AtomicBool,
+    ) -> Result<(), LearnError> {
+        match backend {
+            Backend::Cpu => {
+                self.generation =
+                    cpu::advance(problem, &mut self.islands, self.generation, to, stop)?;
+            }
+            Backend::Gpu { device, .. } => {
+                let reached = device.advance(self.generation, to, stop)?;
+                self.islands = device.islands()?;
+                self.generation = reached;
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes the population's mean at a look, and whether it has settled.
+    fn look(&mut self, mean: f64) {
+        self.means.push(mean);
+        let half = self.means.len() / 2;
+        let earlier = half.checked_sub(1).and_then(|k| self.means.get(k));
+        self.settled = self.generation >= LEAST_GENERATIONS
+            && earlier.is_some_and(|&earlier| earlier - mean < SETTLED * mean);
+    }
+
+    fn progress(&self, problem: &Problem) -> Progress {
+        let best = |set: &[Island]| {
+            f64::from(
+                set.iter()
+                    .map(|island| island.best_score)
+                    .fold(f32::INFINITY, f32::min),
+            )
+        };
+        let sets = self.islands.chunks(problem.islands.max(1));
+        let members = self
+            .islands
+            .iter()
+            .flat_map(|island| &island.scores)
+            .map(|&score| f64::from(score));
+        Progress {
+            generation: self.generation,
+            best: sets.map(best).sum::<f64>() / problem.sets.len().max(1) as f64,
+            mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
+        }
+    }
+
+    /// Each set's best parameters, chosen among its islands' bests by the core in `f64`, with the distance in metres
+    /// of each of the set's motions.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
+        let bounds = problem.settings.bounds(problem.dofs());
+        let islands = self.islands.chunks(problem.islands.max(1));
+        let winner = |(set, islands): (&Vec<usize>, &[Island])| {
+            let mut winner = Winner {
+                parameters: Vec::new(),
+                distances: Vec::new(),
+            };
+            let mut least = f64::INFINITY;
+            for island in islands {
+                let genes = island.best.iter().zip(&bounds);
+                let parameters: Vec<f64> = genes
+                    .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
+                    .collect();
+                let tasks = set.iter().filter_map(|&task| problem.tasks.get(task));
+                let distances = tasks
+                    .map(|task| score(&problem.settings, task, &parameters))
+                    .collect::<Result<Vec<f64>, _>>()?;
+                let sum: f64 = distances.iter().sum();
+                if sum < least || winner.parameters.is_empty() {
+                    least = sum;
+                    winner = Winner {
+                        parameters,
+                        distances,
+                    };
+                }
+            }
+            Ok(winner)
+        };
+        problem.sets.iter().zip(islands).map(winner).collect()
+    }
+}
+
+/// A set's best parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Winner {
+    /// In the SPEC's order.
+    pub parameters: Vec<f64>,
+    /// The distance of each of the set's motions, metres.
+    pub distances: Vec<f64>,
+}
+
+/// Where a search's state is kept while it runs, and which search it is of.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    path: PathBuf,
+    /// All that the search's outcome depends on but the number of generations.
+    identity: String,
+}
+
+/// What the file holds.
+#[derive(Serialize, Deserialize)]
+struct Kept<S> {
+    identity: String,
+    search: S,
+}
+
+impl Checkpoint {
+    /// The checkpoint of a problem in a folder. `backend` is part of it: backends agree in their draws, but not in the
+    /// last bits of every score.
+    pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
+        // Debug prints every number with all its digits.
+        let identity = format!("1 {backend} {problem:?}");
+        Checkpoint {
+            path: folder.join("learning.checkpoint"),
+            identity,
+        }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The state kept, where there is one of the same search.
+    pub fn read(&self) -> Option<Search> {
+        let bytes = std::fs::read(&self.path).ok()?;
+        let kept: Kept<Search> = postcard::from_bytes(&bytes).ok()?;
+        (kept.identity == self.identity).then_some(kept.search)
+    }
+
+    fn write(&self, search: &Search) -> Result<(), LearnError> {
+        let wrong = |error| LearnError::Checkpoint {
+            path: self.path.clone(),
+            error,
+        };
+        let kept = Kept {
+            identity: self.identity.clone(),
+            search,
+        };
+        let bytes =
+            postcard::to_stdvec(&kept).map_err(|error| wrong(std::io::Error::other(error)))?;
+        output::replace(&self.path, &bytes).map_err(wrong)
+    }
+
+    /// Removes it: the search is done.
+    pub fn remove(&self) {
+        // Where it was never written there is nothing to remove.
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{ModelKind, Settings, StepperKind};
+    use crate::task::{Arm, Task, facing};
+
+    fn problem() -> Problem {
+        let reaches = crate::sample::shipped().unwrap();
+        let arm = Arm::Human(facing(&reaches));
+        let tasks: Vec<Task> = reaches[..2]
+            .iter()
+            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
+            .collect();
+        let settings = Settings {
+            stepper: StepperKind::Transpose,
+            model: ModelKind::C,
+            lambda: 100.0,
+            rate_hz: 60.0,
+            clamped: false,
+        };
+        Problem {
+            settings,
+            tasks,
+            sets: vec![vec![0], vec![1]],
+            islands: 2,
+            seed: 5,
+        }
+    }
+
+    fn run(search: &mut Search, problem: &Problem, generations: u32) -> Ended {
+        let stop = AtomicBool::new(false);
+        search
+            .run(problem, &mut Backend::Cpu, generations, &stop, None, |_| {})
+            .unwrap()
+    }
+
+    #[test]
+    fn a_search_that_goes_on_is_the_one_that_never_stopped() {
+        let problem = problem();
+        let mut whole = Search::new(&problem);
+        run(&mut whole, &problem, 70);
+
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
+        let mut first = Search::new(&problem);
+        run(&mut first, &problem, 33);
+        checkpoint.write(&first).unwrap();
+        let mut second = checkpoint.read().unwrap();
+        run(&mut second, &problem, 70);
+
+        assert_eq!(whole.islands, second.islands);
+        assert_eq!(whole.means, second.means);
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_search_is_not_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut problem = problem();
+        Checkpoint::new(folder.path(), &problem, "cpu")
+            .write(&Search::new(&problem))
+            .unwrap();
+        problem.seed += 1;
+        assert_eq!(Checkpoint::new(folder.path(), &problem, "cpu").read(), None);
+    }
+
+    #[test]
+    fn what_is_reported_is_the_f64_score_and_near_the_lanes_own() {
+        let problem = problem();
+        let mut search = Search::new(&problem);
+        run(&mut search, &problem, 64);
+        for (winner, islands) in search
+            .winners(&problem)
+            .unwrap()
+            .iter()
+            .zip(search.islands.chunks(2))
+        {
+            let best = islands
+                .iter()
+                .map(|island| island.best_score)
+                .fold(f32::INFINITY, f32::min);
+            assert!((winner.distances[0] / f64::from(best) - 1.0).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn two_runs_with_the_same_seed_are_the_same_and_with_another_are_not() {
+        let mut problem = problem();
+        let [mut a, mut b, mut c] = [(); 3].map(|()| Search::new(&problem));
+        run(&mut a, &problem, 8);
+        run(&mut b, &problem, 8);
+        assert_eq!(a.islands, b.islands);
+        problem.seed = 6;
+        run(&mut c, &problem, 8);
+        assert_ne!(a.islands, c.islands);
+    }
+
+    #[test]
+    fn a_budget_ends_a_search_and_so_does_a_population_that_has_settled() {
+        let problem = problem();
+        let mut search = Search::new(&problem);
+        assert_eq!(run(&mut search, &problem, 40), Ended::Budget);
+        assert_eq!(run(&mut search, &problem, 100_000), Ended::Settled);
+        assert!(search.generation < 100_000);
+    }
+}

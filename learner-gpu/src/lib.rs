@@ -1,0 +1,28 @@
+//! Learns joint synergies from recorded reaches (Aubry, Julliard and Gibet 2009, algorithm 1): a whole population of
+//! annealers at once, on a GPU or on a CPU's SIMD lanes.
+//!
+//! - [`csv`], [`motion`], [`recordings`], [`sample`]: from files to motions, whatever the format
+//! - [`chain`], [`urdf`]: the arm
+//! - [`task`]: what a recording asks of an arm: an initial posture, a target, a reference to be near to
+//! - [`problem`]: what is to be learned, and how the controller is set
+//! - [`kernel`]: what runs for every member in every generation
+//! - [`cpu`], [`gpu`]: where it runs
+//! - [`learn`]: the search from beginning to end
+//! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
+
+pub mod chain;
+pub mod cpu;
+pub mod csv;
+pub mod gpu;
+pub mod kernel;
+pub mod lanes;
+pub mod learn;
+pub mod motion;
+pub mod output;
+pub mod problem;
+pub mod recordings;
+pub mod sample;
+pub mod synergies;
+pub mod synthesis;
+pub mod task;
+pub mod urdf;

@@ -1,0 +1,42 @@
+//! The program `sinew`.
+
+mod command;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Learns how a person's joints work together from recorded reaches, and synthesises reaches from what was learned.
+///
+/// `sinew learn` alone learns from the sample that ships with the project. Lengths are metres, angles radians, times
+/// seconds; distances are printed in centimetres.
+#[derive(Parser)]
+#[command(version, propagate_version = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Learn(command::learn::Arguments),
+    Evaluate(command::evaluate::Arguments),
+    Synthesize(command::synthesize::Arguments),
+    Devices(command::devices::Arguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Learn(arguments) => command::learn::run(&arguments),
+        Command::Evaluate(arguments) => command::evaluate::run(&arguments),
+        Command::Synthesize(arguments) => command::synthesize::run(&arguments),
+        Command::Devices(arguments) => command::devices::run(&arguments),
+    };
+    match outcome {
+        Ok(code) => code,
+        Err(failure) => {
+            eprintln!("sinew: {failure}");
+            failure.code()
+        }
+    }
+}
