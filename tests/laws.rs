@@ -24,7 +24,8 @@ fn check_frames<const N: usize>(arm: &Arm) {
     let (chain, q) = (arm.chain::<N>(), arm.q());
     let at = chain.forward(&q);
     let expected = frames(&arm.base, &arm.joints, &q);
-    for ((found, landmark), expected) in chain.frames(&q).iter().zip(at.landmarks()).zip(&expected) {
+    for ((found, landmark), expected) in chain.frames(&q).iter().zip(at.landmarks()).zip(&expected)
+    {
         let (distance, angle) = apart(found, expected);
         assert!(distance < 1e-9 && angle < 1e-9, "{distance:e} {angle:e}");
         assert!((Vector3::from(landmark) - expected.translation.vector).norm() < 1e-9);

@@ -28,7 +28,7 @@ pub enum ExportError {
     #[error("there is no motion {0}, counted from 0")]
     NoMotion(usize),
     /// The firmware's arm has another number of DoFs.
-    #[error("the chain has {0} joints; the firmware example's arm has {}", wire::DOFS)]
+    #[error("the chain has {0} joints; the firmware example's arm has {dofs}", dofs = wire::DOFS)]
     Dofs(usize),
     /// The encoder refused it.
     #[error("{0}")]
@@ -40,7 +40,10 @@ pub enum ExportError {
 /// # Errors
 /// No such motion, or a chain that is not of seven DoFs.
 pub fn settings(synergies: &Synergies, motion: usize) -> Result<wire::Settings, ExportError> {
-    let learned = synergies.motions.get(motion).ok_or(ExportError::NoMotion(motion))?;
+    let learned = synergies
+        .motions
+        .get(motion)
+        .ok_or(ExportError::NoMotion(motion))?;
     Ok(wire::Settings {
         chain: Some(chain(synergies.chain_of(learned))?),
         synergy: Some(synergy(synergies, learned)?),
@@ -52,20 +55,33 @@ pub fn settings(synergies: &Synergies, motion: usize) -> Result<wire::Settings, 
 ///
 /// # Errors
 /// As [`settings`]; or the encoder's.
-pub fn export(synergies: &Synergies, motion: usize, format: Format) -> Result<Vec<u8>, ExportError> {
+pub fn export(
+    synergies: &Synergies,
+    motion: usize,
+    format: Format,
+) -> Result<Vec<u8>, ExportError> {
     let settings = settings(synergies, motion)?;
     let encoding = |error: &dyn std::fmt::Display| ExportError::Encoding(error.to_string());
     match format {
         Format::Json => serde_json::to_vec_pretty(&settings).map_err(|e| encoding(&e)),
         Format::Postcard => {
-            let record = wire::Record { format: wire::FORMAT, count: 0, settings };
+            let record = wire::Record {
+                format: wire::FORMAT,
+                count: 0,
+                settings,
+            };
             let mut bytes = postcard::to_stdvec(&record).map_err(|e| encoding(&e))?;
             bytes.extend(CHECK.checksum(&bytes).to_le_bytes());
             Ok(bytes)
         }
         Format::Rust => {
-            let learned = synergies.motions.get(motion).ok_or(ExportError::NoMotion(motion))?;
-            rust(&settings, learned).map_err(|e| encoding(&e)).map(String::into_bytes)
+            let learned = synergies
+                .motions
+                .get(motion)
+                .ok_or(ExportError::NoMotion(motion))?;
+            rust(&settings, learned)
+                .map_err(|e| encoding(&e))
+                .map(String::into_bytes)
         }
     }
 }
@@ -87,7 +103,10 @@ fn synergy(synergies: &Synergies, learned: &LearnedMotion) -> Result<wire::Syner
             ModelKind::C => wire::Model::C,
             ModelKind::D => wire::Model::D,
         },
-        parameters: numbers.as_slice().try_into().map_err(|_| ExportError::Dofs(numbers.len()))?,
+        parameters: numbers
+            .as_slice()
+            .try_into()
+            .map_err(|_| ExportError::Dofs(numbers.len()))?,
     })
 }
 
@@ -113,9 +132,14 @@ fn chain(chain: &ChainDescription) -> Result<wire::Chain, ExportError> {
         })
         .collect();
     let landmarks = chain.landmarks.iter().map(|l| u8::try_from(l.joint));
-    let landmarks: Vec<u8> = landmarks.collect::<Result<_, _>>().map_err(|_| dofs.clone())?;
+    let landmarks: Vec<u8> = landmarks
+        .collect::<Result<_, _>>()
+        .map_err(|_| dofs.clone())?;
     Ok(wire::Chain {
-        base: wire::Transform { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] },
+        base: wire::Transform {
+            translation: [0.0; 3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+        },
         joints: joints.try_into().map_err(|_| dofs.clone())?,
         tip: transform(&chain.tip),
         landmarks: landmarks.as_slice().try_into().map_err(|_| dofs)?,
@@ -124,20 +148,44 @@ fn chain(chain: &ChainDescription) -> Result<wire::Chain, ExportError> {
 
 fn rust(settings: &wire::Settings, learned: &LearnedMotion) -> Result<String, std::fmt::Error> {
     let mut text = String::new();
-    writeln!(text, "//! Learned from {}. For `sinew::synergy::Synergy::from_parameters`.\n", learned.file)?;
+    writeln!(
+        text,
+        "//! Learned from {}. For `sinew::synergy::Synergy::from_parameters`.\n",
+        learned.file
+    )?;
     if let Some(synergy) = &settings.synergy {
-        writeln!(text, "/// The stepper it was learned with: `sinew::stepper::{:?}`, at this rate λ.", synergy.stepper)?;
+        writeln!(
+            text,
+            "/// The stepper it was learned with: `sinew::stepper::{:?}`, at this rate λ.",
+            synergy.stepper
+        )?;
         writeln!(text, "pub const RATE: f32 = {:?};\n", synergy.rate)?;
-        writeln!(text, "/// The model's parameters: gains, offsets, slopes (1/s).")?;
-        writeln!(text, "pub const MODEL: sinew::synergy::Model = sinew::synergy::Model::{:?};", synergy.model)?;
-        writeln!(text, "/// As the model lays them out.")?;
+        writeln!(text, "/// The synergy model.")?;
+        writeln!(
+            text,
+            "pub const MODEL: sinew::synergy::Model = sinew::synergy::Model::{:?};\n",
+            synergy.model
+        )?;
+        writeln!(text, "/// Its parameters: gains, offsets, slopes (1/s).")?;
         let numbers = &synergy.parameters;
-        writeln!(text, "pub const PARAMETERS: [f32; {}] = {:?};\n", numbers.len(), numbers.as_slice())?;
+        writeln!(
+            text,
+            "pub const PARAMETERS: [f32; {}] = {:?};\n",
+            numbers.len(),
+            numbers.as_slice()
+        )?;
     }
     let start: Vec<f32> = learned.initial_posture.iter().map(|&x| x as f32).collect();
     writeln!(text, "/// The posture it began with, radians.")?;
     writeln!(text, "pub const START: [f32; {}] = {start:?};", start.len())?;
-    writeln!(text, "/// The target it was learned for, metres in the base frame.")?;
-    writeln!(text, "pub const TARGET: [f32; 3] = {:?};", learned.target.map(|x| x as f32))?;
+    writeln!(
+        text,
+        "/// The target it was learned for, metres in the base frame."
+    )?;
+    writeln!(
+        text,
+        "pub const TARGET: [f32; 3] = {:?};",
+        learned.target.map(|x| x as f32)
+    )?;
     Ok(text)
 }

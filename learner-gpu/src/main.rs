@@ -26,6 +26,11 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    // Mesa's device selection prints an error where there is no desktop session. Without one it selects nothing anyway.
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: no other thread runs yet.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
     let outcome = match Arguments::parse().command {
         Command::Learn(arguments) => command::learn::run(&arguments),
         Command::Evaluate(arguments) => command::evaluate::run(&arguments),

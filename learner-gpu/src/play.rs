@@ -76,7 +76,11 @@ impl Port {
                 }
             }
         });
-        Port { out: Box::new(out), replies, sequence: 0 }
+        Port {
+            out: Box::new(out),
+            replies,
+            sequence: 0,
+        }
     }
 
     /// A request's reply. The controller may have a higher number from an earlier host: then this one goes on from it.
@@ -99,7 +103,10 @@ impl Port {
 
     fn once(&mut self, request: &Request) -> Result<Reply, PlayError> {
         self.sequence = self.sequence.saturating_add(1);
-        let message = Envelope { sequence: self.sequence, body: request.clone() };
+        let message = Envelope {
+            sequence: self.sequence,
+            body: request.clone(),
+        };
         let mut buffer = [0; MOST_FRAME];
         let frame = encode(&message, &mut buffer).map_err(|_| PlayError::TooLong)?;
         // A zero first ends whatever noise came before.
@@ -111,7 +118,9 @@ impl Port {
                 // A reply to noise has no number.
                 Ok(reply) if reply.sequence == self.sequence => return Ok(reply.body),
                 Ok(_) => {}
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => return Err(PlayError::Silent),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    return Err(PlayError::Silent);
+                }
             }
         }
     }

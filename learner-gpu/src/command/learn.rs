@@ -23,6 +23,7 @@ use super::{Failure, print, table};
 ///
 /// Stopped with Ctrl-C it keeps where it was; the same command goes on from there.
 #[derive(clap::Args)]
+#[command(args_override_self = true)]
 pub struct Arguments {
     /// Recordings (CSV), or folders of them [default: the sample that ships with the project]
     recordings: Vec<PathBuf>,

@@ -48,9 +48,13 @@ struct Summary {
 /// Scores of the members as they are: what `score_members` writes.
 @group(0) @binding(7) var<storage, read_write> scored: array<f32>;
 
-/// The scores as the generation began, and those of the proposals.
+/// The members' scores, and those of what they try.
 var<workgroup> scores: array<f32, ${island}>;
 var<workgroup> tried: array<f32, ${island}>;
+/// What one thread finds out for all: see `spread` and `record`.
+var<workgroup> now: Spread;
+var<workgroup> best_score: f32;
+var<workgroup> winner: u32;
 /// The genes of the best ever.
 var<workgroup> best: Genes;
 
@@ -68,24 +72,43 @@ fn score(place: Place, genes: Genes) -> f32 {
     return sum / f32(place.motions);
 }
 
-/// Of the island's scores: the mean, and the least with its member.
+/// Of the island's scores: the member with the least, the mean, and the temperature: the mean less the least, over the
+/// number of parameters.
 struct Spread {
     best: u32,
-    least: f32,
     mean: f32,
+    temperature: f32,
 }
 
 fn spread() -> Spread {
-    var out = Spread(0u, UNSCORED, 0.0);
+    var best_member = 0u;
+    var least_score = UNSCORED;
+    var sum = 0.0;
     for (var member = 0u; member < ISLAND; member++) {
-        out.mean = out.mean + scores[member];
-        if scores[member] < out.least {
-            out.least = scores[member];
-            out.best = member;
+        let this_score = scores[member];
+        sum = sum + this_score;
+        if this_score < least_score {
+            least_score = this_score;
+            best_member = member;
         }
     }
-    out.mean = out.mean / f32(ISLAND);
-    return out;
+    let mean = sum / f32(ISLAND);
+    return Spread(best_member, mean, (mean - least_score) / ${genes}.0);
+}
+
+/// Notes which member has just tried the best ever: the first of them, none where it is ISLAND.
+fn record() {
+    var found = ISLAND;
+    var least_score = best_score;
+    for (var member = 0u; member < ISLAND; member++) {
+        let this_score = tried[member];
+        if this_score < least_score {
+            least_score = this_score;
+            found = member;
+        }
+    }
+    best_score = least_score;
+    winner = found;
 }
 
 /// The island that this workgroup is, counted from the dispatch's first.
@@ -106,13 +129,15 @@ fn anneal(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     scores[me] = islands[which].scores[me];
     if me == 0u {
         best = islands[which].best;
+        best_score = summaries[which].best;
     }
-    var best_score = summaries[which].best;
+    workgroupBarrier();
+    if me == 0u {
+        now = spread();
+    }
     workgroupBarrier();
 
     for (var generation = run.begin; generation < run.end; generation++) {
-        let now = spread();
-        let temperature = (now.mean - now.least) / ${genes}.0;
         let draws = Draws(run.seed, place.set_number, place.island * ISLAND + me, generation);
         let own = block(draws, 0u);
         var proposed: Genes;
@@ -122,7 +147,7 @@ fn anneal(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
             proposed = propose(draws, own, me, now.best);
         }
         let new_score = score(place, proposed);
-        let accepted = accepts(scores[me], new_score, temperature, own[2]);
+        let accepted = accepts(scores[me], new_score, now.temperature, own[2]);
 
         // Everybody has read the island; now it changes.
         workgroupBarrier();
@@ -134,13 +159,12 @@ fn anneal(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
             //% endfor
         }
         workgroupBarrier();
-        var winner = ISLAND;
-        for (var member = 0u; member < ISLAND; member++) {
-            if tried[member] < best_score {
-                best_score = tried[member];
-                winner = member;
-            }
+        // One thread looks at all members, in order as the CPU does: all of them doing so took longer than the motions.
+        if me == 0u {
+            now = spread();
+            record();
         }
+        workgroupBarrier();
         if winner == me {
             best = proposed;
         }
@@ -150,11 +174,10 @@ fn anneal(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     islands[which].genes[${k}][me] = island_genes[${k}][me];
     //% endfor
     islands[which].scores[me] = scores[me];
-    let last = spread();
     workgroupBarrier();
     if me == 0u {
         islands[which].best = best;
-        summaries[which] = Summary(best_score, last.mean);
+        summaries[which] = Summary(best_score, now.mean);
     }
 }
 

@@ -323,7 +323,7 @@ impl Structure {
 
     /// Bytes of workgroup memory that the code declares.
     pub fn workgroup_bytes(&self) -> usize {
-        4 * (ISLAND * self.genes + 2 * ISLAND + self.genes)
+        4 * (ISLAND * self.genes + 2 * ISLAND + self.genes + 5)
     }
 }
 

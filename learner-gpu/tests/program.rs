@@ -1,0 +1,295 @@
+//! The program as a person meets it: what it prints, what it writes, and how it ends.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+
+fn sinew(arguments: &[&str]) -> Output {
+    command(arguments).output().unwrap()
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sinew"));
+    command.args(arguments);
+    command
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// A small search: seconds, not minutes.
+const QUICK: [&str; 8] = [
+    "--backend",
+    "cpu",
+    "--population",
+    "64",
+    "--generations",
+    "48",
+    "--stepper",
+    "normalised-transpose",
+];
+
+fn learn(out: &Path, more: &[&str]) -> Output {
+    let mut arguments = vec!["learn", "--out", out.to_str().unwrap()];
+    arguments.extend(QUICK);
+    arguments.extend(more);
+    sinew(&arguments)
+}
+
+/// Wrong input: exit code 2, and each of the words in the message.
+fn refused(output: &Output, words: &[&str]) {
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    for word in words {
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+#[test]
+fn with_no_recordings_named_it_learns_from_the_sample_and_the_file_scores_the_same_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = learn(folder.path(), &[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("the sample"));
+    let path = folder.path().join("synergies.json");
+    let written = json(&path);
+    assert_eq!(written["version"], 1);
+    assert_eq!(written["stepper"], "normalised-transpose");
+    assert_eq!(written["limits"], "free");
+    assert_eq!(written["backend"], "cpu");
+    assert_eq!(written["population"], 64);
+    assert_eq!(written["chain"]["joints"].as_array().unwrap().len(), 7);
+    let motions = written["motions"].as_array().unwrap();
+    assert_eq!(motions.len(), 14);
+    // Nothing but the result is left.
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+
+    let again = sinew(&["evaluate", path.to_str().unwrap(), "--json"]);
+    let again: Value = serde_json::from_slice(&again.stdout).unwrap();
+    for (motion, again) in motions.iter().zip(again["motions"].as_array().unwrap()) {
+        assert_eq!(motion["file"], again["file"]);
+        assert_eq!(motion["distance_cm"], again["distance_cm"]);
+        assert_eq!(motion["parameters"].as_array().unwrap().len(), 9);
+    }
+}
+
+#[test]
+fn the_same_seed_learns_the_same_and_another_does_not() {
+    let folders = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    for (folder, seed) in folders.iter().zip(["3", "3", "4"]) {
+        assert!(learn(folder.path(), &["--seed", seed]).status.success());
+    }
+    let [a, b, c] =
+        folders.map(|folder| json(&folder.path().join("synergies.json"))["motions"].clone());
+    assert_eq!(a, b);
+    assert_ne!(a, c);
+}
+
+#[test]
+fn one_parameter_vector_serves_a_set_of_motions() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(learn(folder.path(), &["--joint"]).status.success());
+    let written = json(&folder.path().join("synergies.json"));
+    let motions = written["motions"].as_array().unwrap();
+    assert!(
+        motions
+            .iter()
+            .all(|motion| motion["parameters"] == motions[0]["parameters"])
+    );
+}
+
+#[test]
+fn a_motion_to_a_new_target_is_a_recording_too() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(
+        learn(folder.path(), &["--generations", "300"])
+            .status
+            .success()
+    );
+    let path = folder.path().join("synergies.json");
+    let csv = folder.path().join("reach.csv");
+    // A centimetre beside a learned target: how far a synergy carries is another question.
+    let learned = json(&path)["motions"][4]["target"].clone();
+    let [x, y, z] = [0, 1, 2].map(|r| learned[r].as_f64().unwrap());
+    let target = format!("{},{y},{z}", x + 0.01);
+    let output = sinew(&[
+        "synthesize",
+        path.to_str().unwrap(),
+        "--target",
+        &target,
+        "--csv",
+        csv.to_str().unwrap(),
+    ]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let motion = sinew_learn::csv::read(&csv).unwrap();
+    let hand = *motion.points().last().unwrap().last().unwrap();
+    let left = (hand[0] - x - 0.01).hypot(hand[1] - y).hypot(hand[2] - z);
+    assert!(left < 0.05, "the hand ends {left} m from the target");
+    assert!(motion.outbound().is_ok());
+    let relearned = tempfile::tempdir().unwrap();
+    assert!(
+        learn(relearned.path(), &[csv.to_str().unwrap()])
+            .status
+            .success()
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
+    let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let long = [
+        "--generations",
+        "4000",
+        "--population",
+        "256",
+        "--seed",
+        "9",
+    ];
+    let mut arguments = vec!["learn", "--out", stopped.path().to_str().unwrap()];
+    arguments.extend(QUICK);
+    arguments.extend(long);
+    let mut running = command(&arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+    Command::new("kill")
+        .args(["-INT", &running.id().to_string()])
+        .status()
+        .unwrap();
+    assert_eq!(running.wait().unwrap().code(), Some(130));
+    assert!(stopped.path().join("learning.checkpoint").exists());
+    assert!(!stopped.path().join("synergies.json").exists());
+
+    let output = learn(stopped.path(), &long);
+    assert!(
+        text(&output.stderr).contains("going on from generation"),
+        "{}",
+        text(&output.stderr)
+    );
+    assert!(learn(whole.path(), &long).status.success());
+    let [whole, stopped] =
+        [whole, stopped].map(|folder| json(&folder.path().join("synergies.json")));
+    assert_eq!(whole["motions"], stopped["motions"]);
+    assert_eq!(whole["generations"], stopped["generations"]);
+}
+
+#[test]
+fn wrong_input_is_named_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let file = folder.path().join("broken.csv");
+    std::fs::write(
+        &file,
+        "time,sx,sy,sz,ex,ey,ez,wx,wy,wz,hx,hy,hz\n0,0,0,0,0,0,-0.3,0,0.2,-0.3,0,0.3,x\n",
+    )
+    .unwrap();
+    refused(
+        &learn(&out, &[file.to_str().unwrap()]),
+        &["broken.csv", "line 2", "hz", "x"],
+    );
+    refused(&learn(&out, &["missing.csv"]), &["missing.csv"]);
+    refused(
+        &learn(&out, &[folder.path().join("nowhere").to_str().unwrap()]),
+        &["nowhere"],
+    );
+    let empty = tempfile::tempdir().unwrap();
+    refused(
+        &learn(&out, &[empty.path().to_str().unwrap()]),
+        &["no recording"],
+    );
+    assert!(!out.exists());
+}
+
+#[test]
+fn wrong_options_are_usage_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (option, value, words) in [
+        ("--rate", "0", "above 0"),
+        ("--rate", "NaN", "above 0"),
+        ("--lambda", "-1", "--lambda"),
+        ("--model", "e", "possible values"),
+        ("--population", "0", "0 is not in"),
+        ("--chain", "arm.urdf", "--base"),
+    ] {
+        refused(&learn(&out, &[&format!("{option}={value}")]), &[words]);
+    }
+    refused(&sinew(&[]), &["Usage"]);
+    assert!(!out.exists());
+}
+
+#[test]
+fn a_broken_file_of_synergies_is_named_with_the_place() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(
+        learn(folder.path(), &["--generations", "1"])
+            .status
+            .success()
+    );
+    let path = folder.path().join("synergies.json");
+    let good = std::fs::read_to_string(&path).unwrap();
+    let evaluate = |content: &str| {
+        std::fs::write(&path, content).unwrap();
+        sinew(&["evaluate", path.to_str().unwrap()])
+    };
+    let middle = good.char_indices().nth(good.len() / 2).unwrap().0;
+    refused(
+        &evaluate(&good[..middle]),
+        &["synergies.json", "line", "column"],
+    );
+    refused(
+        &evaluate(&good.replacen("\"version\": 1", "\"version\": 7", 1)),
+        &["version 7", "expected 1"],
+    );
+    refused(
+        &evaluate(&good.replace("reach_03", "reach_99")),
+        &["reach_99"],
+    );
+    let mut wrong: Value = serde_json::from_str(&good).unwrap();
+    wrong["motions"][2]["parameters"]
+        .as_array_mut()
+        .unwrap()
+        .pop();
+    refused(
+        &evaluate(&wrong.to_string()),
+        &["motion 2", "parameters has 8", "expected 9"],
+    );
+    wrong = serde_json::from_str(&good).unwrap();
+    wrong["chain"]["joints"][3]["lower"] = 9.0.into();
+    refused(&evaluate(&wrong.to_string()), &["elbow flexion", "limit"]);
+    refused(
+        &sinew(&[
+            "synthesize",
+            path.to_str().unwrap(),
+            "--target",
+            "1,2",
+            "--csv",
+            "x.csv",
+        ]),
+        &["three numbers"],
+    );
+}
+
+#[test]
+fn the_devices_are_listed_and_help_reads_well() {
+    let devices = text(&sinew(&["devices"]).stdout);
+    assert!(
+        devices.contains("cpu") && devices.contains("lanes"),
+        "{devices}"
+    );
+    for command in ["learn", "evaluate", "synthesize", "devices"] {
+        let output = sinew(&[command, "--help"]);
+        assert!(output.status.success() && text(&output.stdout).contains("Usage: sinew"));
+    }
+}
