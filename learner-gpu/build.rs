@@ -41,8 +41,6 @@ fn main() {
             let method = Method {
                 stepper,
                 model,
-                lambda: 10.0,
-                dt: 1.0 / 60.0,
                 clamped: model == Model::B,
             };
             if let Err(fault) = check(&method) {

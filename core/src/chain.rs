@@ -81,8 +81,6 @@ pub struct Link<T> {
     pub flip: bool,
     /// How it moves.
     pub kind: Kind,
-    /// From the folded frame to the joint's own: columns of C⁻¹.
-    unfold: Axes<T>,
 }
 
 /// A valid serial chain of N DoFs, ready to compute with. Configuration only: it never changes while a motion runs.
@@ -146,7 +144,6 @@ impl<T: Real + Scalar, const N: usize> Chain<T, N> {
             axis: 2,
             flip: false,
             kind: Kind::Revolute,
-            unfold: identity(),
         }; N];
         let mut lower = [T::zero(); N];
         let mut upper = [T::zero(); N];
@@ -189,7 +186,6 @@ impl<T: Real + Scalar, const N: usize> Chain<T, N> {
                     fold = turned;
                 }
             }
-            link.unfold = transposed(&fold);
         }
 
         let mut kept = Vec::new();
@@ -254,14 +250,6 @@ impl<T: Real, const N: usize> Chain<T, N> {
     pub fn kinds(&self) -> impl ExactSizeIterator<Item = Kind> + '_ {
         self.links.iter().map(|link| link.kind)
     }
-
-    /// The DoF's own frame of the folded one.
-    pub(crate) fn unfold(&self, joint: usize, axes: &Axes<T>) -> Axes<T> {
-        match self.links.get(joint) {
-            Some(link) => times(axes, &link.unfold),
-            None => *axes,
-        }
-    }
 }
 
 impl<const N: usize> Chain<f64, N> {
@@ -293,7 +281,6 @@ impl<const N: usize> Chain<f64, N> {
                 axis: link.axis,
                 flip: link.flip,
                 kind: link.kind,
-                unfold: axes(link.unfold),
             }),
             tip: (turn(self.tip.0), shift(self.tip.1)),
             lower: self.lower.map(U::of),

@@ -8,9 +8,9 @@
 //! aᵢ the axis and oᵢ the origin in the base frame: linear rows, then angular rows (Siciliano et al. 2009, *Robotics*,
 //! section 3.1.3).
 
-use nalgebra::{Isometry3, RealField, SMatrix};
+use nalgebra::{Isometry3, RealField, SMatrix, Translation3, Unit};
 
-use crate::chain::{Axes, Chain, Kind, Link, Shift, Turn, times, turned};
+use crate::chain::{Axes, Chain, Joint, Kind, Link, Shift, Turn, times, turned};
 use crate::real::Real;
 use crate::vector::{Vec3, add, cross, distance, negate, scale, sub};
 
@@ -200,27 +200,33 @@ impl<T: Real, const N: usize> Kinematics<'_, T, N> {
     }
 }
 
-impl<T: Real + RealField, const N: usize> Chain<T, N> {
-    /// The pose of every DoF's own frame in the base frame, after its motion: Tᵢ of SPEC section 1.
-    ///
-    /// ```
-    /// let arm = sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09)?;
-    /// let elbow = arm.frames(&[0.0; 7])[3];
-    /// assert!((elbow.translation.z + 0.29).abs() < 1e-12);
-    /// # Ok::<(), sinew::Error>(())
-    /// ```
-    pub fn frames(&self, q: &[T; N]) -> [Isometry3<T>; N] {
-        let origin = self.forward(q).origin;
-        let mut frames = [Isometry3::identity(); N];
-        let mut axes = self.base.0;
-        for i in 0..N {
-            let link = &self.links[i];
-            axes = turned_by(axes, &link.turn);
-            axes = through::<T, false>(axes, link, q[i]).0;
-            frames[i] = pose(origin[i], self.unfold(i, &axes));
-        }
-        frames
+/// The pose of every DoF's own frame in the base frame, after its motion: Tᵢ of SPEC section 1, from a chain's
+/// description. A [`Chain`] has folded these frames away: it keeps what a control tick needs, and no more.
+///
+/// ```
+/// use nalgebra::Isometry3;
+/// use sinew::{chain::human_arm_joints, kinematics::frames};
+/// let (joints, _) = human_arm_joints::<f64>(0.29, 0.25, 0.09);
+/// let elbow = frames(&Isometry3::identity(), &joints, &[0.0; 7])[3];
+/// assert!((elbow.translation.z + 0.29).abs() < 1e-12);
+/// ```
+pub fn frames<T: Real + RealField, const N: usize>(
+    base: &Isometry3<T>,
+    joints: &[Joint<T>; N],
+    q: &[T; N],
+) -> [Isometry3<T>; N] {
+    let mut frames = [*base; N];
+    let mut frame = *base;
+    for ((joint, &q), slot) in joints.iter().zip(q).zip(&mut frames) {
+        let axis = Unit::new_normalize(joint.axis);
+        let motion = match joint.kind {
+            Kind::Revolute => Isometry3::rotation(axis.scale(q)),
+            Kind::Prismatic => Translation3::from(axis.scale(q)).into(),
+        };
+        frame = frame * Isometry3::from_parts(joint.translation.into(), joint.rotation) * motion;
+        *slot = frame;
     }
+    frames
 }
 
 impl<T: Real + RealField, const N: usize> Kinematics<'_, T, N> {

@@ -11,7 +11,7 @@
 //! | [`exp`] | [`LEAST_EXPONENT`], [`MOST_EXPONENT`] | 1.2e-7 relative |
 //!
 //! Outside its range an argument is moved to the range's end, and NaN to its lower end: the result is finite always.
-//! With the `micromath` feature the two come from that crate: smaller, and wrong by up to 2e-3.
+//! With the `micromath` feature the two come from that crate: smaller, and wrong by up to 3e-3.
 
 use crate::real::Real;
 
@@ -138,7 +138,7 @@ pub fn exp_of<T: Whole>(x: T) -> T {
     (p * (r * r) + r + T::one()) * k.power_of_two()
 }
 
-#[cfg(all(test, not(feature = "micromath"), feature = "libm"))]
+#[cfg(all(test, feature = "libm"))]
 mod tests {
     use super::*;
     use std::println;
@@ -171,20 +171,34 @@ mod tests {
     }
 
     #[test]
+    #[cfg(feature = "micromath")]
+    fn micromath_is_as_wrong_as_documented() {
+        let worst = worst_of_sin_cos(10.0);
+        assert!(worst < 2e-3 && worst > 1e-4);
+        assert!(worst_of_exp(20.0) < 3e-3);
+    }
+
+    #[test]
+    #[cfg(not(feature = "micromath"))]
     fn the_worst_error_of_sin_and_cos_is_as_documented() {
         assert!(worst_of_sin_cos(10.0) < 8e-8);
         assert!(worst_of_sin_cos(MOST_ANGLE) < 8e-8);
     }
 
-    #[test]
-    fn the_worst_error_of_exp_is_as_documented() {
+    fn worst_of_exp(most: f64) -> f64 {
         let mut worst = 0.0f64;
-        each(-LEAST_EXPONENT as f32, |x| {
+        each(most as f32, |x| {
             let exact = libm::exp(f64::from(x));
             worst = worst.max(((f64::from(exp(x)) - exact) / exact).abs());
         });
-        println!("exp, worst relative error: {worst:e}");
-        assert!(worst < 1.2e-7);
+        println!("exp, worst relative error up to {most}: {worst:e}");
+        worst
+    }
+
+    #[test]
+    #[cfg(not(feature = "micromath"))]
+    fn the_worst_error_of_exp_is_as_documented() {
+        assert!(worst_of_exp(-LEAST_EXPONENT) < 1.2e-7);
     }
 
     #[test]
@@ -200,7 +214,12 @@ mod tests {
             1e-45,
         ] {
             let (s, c) = sin_cos(x);
-            assert!(s.abs() <= 1.0 && c.abs() <= 1.0, "{x}: {s} {c}");
+            let most = if cfg!(feature = "micromath") {
+                1.01
+            } else {
+                1.0
+            };
+            assert!(s.abs() <= most && c.abs() <= most, "{x}: {s} {c}");
             assert!(exp(x).is_finite() && exp(x) > 0.0, "{x}");
         }
     }

@@ -61,7 +61,7 @@ pub trait Real:
     /// The magnitude.
     fn abs(self) -> Self;
 
-    /// The square root, correctly rounded (not with the `micromath` feature); NaN below 0.
+    /// The square root, correctly rounded (not with `micromath` alone); NaN below 0.
     fn sqrt(self) -> Self;
 
     /// Sine and cosine of an angle in radians. Finite whatever the argument: see [`crate::math`].
@@ -154,9 +154,9 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        #[cfg(not(feature = "micromath"))]
+        #[cfg(feature = "libm")]
         return libm::sqrtf(self);
-        #[cfg(feature = "micromath")]
+        #[cfg(not(feature = "libm"))]
         return micromath::F32(self).sqrt().0;
     }
     #[inline(always)]
@@ -174,9 +174,9 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
-        #[cfg(not(feature = "micromath"))]
+        #[cfg(feature = "libm")]
         return libm::atan2f(self, x);
-        #[cfg(feature = "micromath")]
+        #[cfg(not(feature = "libm"))]
         return micromath::F32(self).atan2(micromath::F32(x)).0;
     }
 }

@@ -115,18 +115,22 @@ impl Device {
         }
     }
 
-    /// A storage buffer with these words in it, and room for at least one 16-byte item: a binding must not be empty.
-    pub fn storage(&self, label: &str, words: &[u32]) -> Buffer {
-        let buffer = self.device.create_buffer(&BufferDescriptor {
+    /// A storage buffer for so many words, all 0, and for at least one 16-byte item: a binding must not be empty.
+    pub fn storage(&self, label: &str, words: usize) -> Buffer {
+        self.device.create_buffer(&BufferDescriptor {
             label: Some(label),
-            size: words.len().max(4) as u64 * 4,
+            size: words.max(4) as u64 * 4,
             usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
             mapped_at_creation: false,
-        });
+        })
+    }
+
+    /// Writes words at the beginning of a buffer, before whatever is submitted next.
+    pub fn write(&self, buffer: &Buffer, words: &[u32]) {
         if !words.is_empty() {
-            self.queue.write_buffer(&buffer, 0, &bytes(words));
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_ne_bytes()).collect();
+            self.queue.write_buffer(buffer, 0, &bytes);
         }
-        buffer
     }
 
     /// A buffer's words.
@@ -161,9 +165,4 @@ impl Device {
         copy.unmap();
         Ok(words)
     }
-}
-
-/// Words as the device sees them.
-pub(super) fn bytes(words: &[u32]) -> Vec<u8> {
-    words.iter().flat_map(|word| word.to_ne_bytes()).collect()
 }

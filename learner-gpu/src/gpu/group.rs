@@ -4,19 +4,24 @@
 //! turn, and a dispatch may run any part of a group: neither changes a bit.
 
 use std::collections::HashMap;
+use std::num::NonZero;
 use std::ops::Range;
 
 use wgpu::{
-    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, Buffer, BufferDescriptor,
-    BufferUsages,
+    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindingResource, Buffer,
+    BufferBinding, BufferDescriptor, BufferUsages,
 };
 
-use super::device::{Device, bytes};
+use super::device::Device;
 use super::error::GpuError;
+use super::kernel::{MOST_GENERATIONS, RUN_BYTES, RUN_STRIDE};
 use super::motions::Motions;
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
+
+/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member.
+const SUMMARY: usize = 4;
 
 /// What goes into a group's buffers, in words of 4 bytes.
 #[derive(Default)]
@@ -31,8 +36,10 @@ struct Contents {
     places: Vec<u32>,
     /// The islands themselves.
     islands: Vec<u32>,
-    /// For each island: best score ever, mean score.
+    /// For each island, [`SUMMARY`] words.
     summaries: Vec<u32>,
+    /// How many words what the islands try takes.
+    tried: usize,
     /// Ticks that a generation of each island takes.
     ticks: Vec<u64>,
 }
@@ -46,6 +53,7 @@ impl Contents {
             ("the list of motions", self.motions.len()),
             ("the list of islands", self.places.len()),
             ("the population", self.islands.len()),
+            ("what the population tries", self.tried),
         ];
         let (what, words) = sizes
             .into_iter()
@@ -65,7 +73,7 @@ pub(super) struct Group {
     pub run: Buffer,
     population: Buffer,
     summaries: Buffer,
-    scored: Buffer,
+    tried: Buffer,
 }
 
 impl Group {
@@ -100,29 +108,44 @@ impl Group {
     ) -> Self {
         let run = device.device.create_buffer(&BufferDescriptor {
             label: Some("run"),
-            size: 32,
+            size: u64::from(MOST_GENERATIONS) * RUN_STRIDE,
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let population = device.storage("islands", &contents.islands);
-        let summaries = device.storage("summaries", &contents.summaries);
-        let scored = device.storage("scored", &vec![0; islands.len() * ISLAND]);
+        let population = device.storage("islands", contents.islands.len());
+        let summaries = device.storage("summaries", contents.summaries.len());
+        let tried = device.storage("tried", contents.tried);
+        device.write(&population, &contents.islands);
+        device.write(&summaries, &contents.summaries);
+        let uploaded = |label, words: &[u32]| {
+            let buffer = device.storage(label, words.len());
+            device.write(&buffer, words);
+            buffer
+        };
         let buffers = [
             &run,
-            &device.storage("numbers", &contents.numbers),
-            &device.storage("recorded", &contents.recorded),
-            &device.storage("motions", &contents.motions),
-            &device.storage("places", &contents.places),
+            &uploaded("numbers", &contents.numbers),
+            &uploaded("recorded", &contents.recorded),
+            &uploaded("motions", &contents.motions),
+            &uploaded("places", &contents.places),
             &population,
             &summaries,
-            &scored,
+            &tried,
         ];
         let bindings = device.device.create_bind_group(&BindGroupDescriptor {
             label: Some("group"),
             layout,
             entries: &std::array::from_fn::<_, 8, _>(|binding| BindGroupEntry {
                 binding: binding as u32,
-                resource: buffers[binding].as_entire_binding(),
+                resource: match binding {
+                    // A window on it that moves from generation to generation.
+                    0 => BindingResource::Buffer(BufferBinding {
+                        buffer: &run,
+                        offset: 0,
+                        size: NonZero::new(RUN_BYTES),
+                    }),
+                    _ => buffers[binding].as_entire_binding(),
+                },
             }),
         });
         Group {
@@ -132,13 +155,8 @@ impl Group {
             run,
             population,
             summaries,
-            scored,
+            tried,
         }
-    }
-
-    /// Writes what the next dispatch is to do: see `Run` in `anneal.wgsl`.
-    pub fn instruct(&self, device: &Device, run: [u32; 8]) {
-        device.queue.write_buffer(&self.run, 0, &bytes(&run));
     }
 
     /// The islands, from the device.
@@ -161,21 +179,26 @@ impl Group {
     /// The device is lost.
     pub fn summaries(&self, device: &Device) -> Result<Vec<(f32, f32)>, GpuError> {
         let words = device.read(&self.summaries)?;
-        let pairs = words.chunks_exact(2).take(self.islands.len());
-        Ok(pairs
-            .map(|pair| (f32::from_bits(pair[0]), f32::from_bits(pair[1])))
+        let each = words.chunks_exact(SUMMARY).take(self.islands.len());
+        Ok(each
+            .map(|words| (f32::from_bits(words[0]), f32::from_bits(words[1])))
             .collect())
     }
 
-    /// What `score_members` wrote: for each island, its members' scores.
+    /// The scores that `score_members` wrote, or those last tried: for each island, its members'.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn scored(&self, device: &Device) -> Result<Vec<Vec<f32>>, GpuError> {
-        let words = device.read(&self.scored)?;
-        let islands = words.chunks_exact(ISLAND).take(self.islands.len());
-        Ok(islands
-            .map(|words| words.iter().copied().map(f32::from_bits).collect())
+    pub fn scores(&self, device: &Device, genes: usize) -> Result<Vec<Vec<f32>>, GpuError> {
+        let words = device.read(&self.tried)?;
+        let each = words
+            .chunks_exact(words_tried(genes))
+            .take(self.islands.len());
+        Ok(each
+            .map(|words| {
+                let scores = words.iter().skip(genes * ISLAND).take(ISLAND);
+                scores.copied().map(f32::from_bits).collect()
+            })
             .collect())
     }
 }
@@ -231,9 +254,9 @@ fn gather(
             contents.motions.len() as u32 / 3 - begin,
         ]);
         pack(&mut contents.islands, island);
-        contents
-            .summaries
-            .extend([island.best_score, f32::NAN].map(f32::to_bits));
+        contents.summaries.push(island.best_score.to_bits());
+        contents.summaries.extend([0; SUMMARY - 1]);
+        contents.tried += words_tried(problem.genes());
         contents.ticks.push(ticks);
 
         let (what, needed) = contents.largest();
@@ -254,7 +277,8 @@ fn gather(
             contents
                 .islands
                 .truncate(contents.islands.len() / (kept + 1) * kept);
-            contents.summaries.truncate(2 * kept);
+            contents.summaries.truncate(SUMMARY * kept);
+            contents.tried = contents.tried / (kept + 1) * kept;
             contents.ticks.truncate(kept);
             return Ok((contents, number));
         }
@@ -263,8 +287,13 @@ fn gather(
 }
 
 /// Words of an `Island` in `anneal.wgsl`.
-pub(super) fn words_an_island(genes: usize) -> usize {
+fn words_an_island(genes: usize) -> usize {
     genes * ISLAND + ISLAND + genes
+}
+
+/// Words of a `Tried` in `anneal.wgsl`.
+fn words_tried(genes: usize) -> usize {
+    genes * ISLAND + 2 * ISLAND
 }
 
 fn pack(words: &mut Vec<u32>, island: &Island) {

@@ -1,51 +1,44 @@
-//! The search on a GPU: the whole population lives on the device and is annealed there, many generations a dispatch.
+//! The search on a GPU: the whole population lives on the device and is annealed there, many generations a submission.
 //!
 //! A workgroup is an island, a thread a member. The kernel is composed for the problem's arms, stepper and model
 //! ([`crate::kernel::compose`]) and runs on whatever wgpu finds: Vulkan (lavapipe too, on the CPU), Metal, Direct3D 12.
 //! The host sees the population only when it asks for it.
 //!
-//! The same seed and problem on the same adapter give the same bits, however dispatches are split and whenever the
-//! search was stopped and went on.
+//! The same seed and problem on the same adapter give the same bits, however the work is split into submissions and
+//! whenever the search was stopped and went on.
 
 mod adapter;
 mod device;
 mod error;
 mod group;
+mod kernel;
 mod motions;
 mod pace;
 #[cfg(test)]
 mod tests;
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-
-use wgpu::{
-    BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType,
-    BufferBindingType, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    ComputePipelineDescriptor, PipelineCompilationOptions, PipelineLayoutDescriptor,
-    ShaderModuleDescriptor, ShaderSource, ShaderStages,
-};
 
 pub use adapter::{Adapter, AdapterKind, Which, adapters};
 pub use error::GpuError;
 
 use crate::kernel::anneal::Island;
-use crate::kernel::compose::{Structure, compose};
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 use device::Device;
 use group::Group;
+use self::kernel::{Kernel, MOST_GENERATIONS, Step};
 use motions::Motions;
 use pace::Pace;
 
 /// A problem's population on a device.
 pub struct Gpu {
     device: Device,
+    kernel: Kernel,
     groups: Vec<Group>,
-    anneal: ComputePipeline,
-    score: ComputePipeline,
     genes: usize,
-    seed: u64,
     pace: Pace,
     preparation: Duration,
 }
@@ -71,37 +64,28 @@ impl Gpu {
         let motions = Motions::new(problem)?;
         let device = Device::open(&which)?;
         let limits = device.device.limits();
-        let needed = motions.structure.workgroup_bytes() as u64;
-        if needed > u64::from(limits.max_compute_workgroup_storage_size) {
-            // A driver need not complain of this itself.
-            let limit = limits.max_compute_workgroup_storage_size.into();
-            return Err(GpuError::Limit {
-                what: "an island in workgroup memory",
-                needed,
-                limit,
-            });
-        }
         let limit = limit
             .min(limits.max_storage_buffer_binding_size)
             .min(limits.max_buffer_size);
 
         let began = Instant::now();
-        let layout = layout(&device);
-        let [anneal, score] = pipelines(&device, &layout, &motions.structure)?;
-        let groups = Group::all(&device, &layout, problem, &motions, islands, limit)?;
+        let kernel = Kernel::new(&device, &motions.structure, problem)?;
+        let groups = Group::all(&device, &kernel.layout, problem, &motions, islands, limit)?;
         let mut gpu = Gpu {
             device,
+            kernel,
             groups,
-            anneal,
-            score,
             genes: problem.genes(),
-            seed: problem.seed,
             pace: Pace::new(),
             preparation: Duration::ZERO,
         };
-        // Drivers compile at the first dispatch: a generation of none gets that over with, and shows what is wrong.
         for group in &gpu.groups {
-            gpu.dispatch(&gpu.anneal, group, 0, group.islands.len(), 0..0)?;
+            // Nothing was tried yet, so this only sums up.
+            gpu.run(group, 0..group.islands.len(), 0..1, &[Step::Settle])?;
+        }
+        if let Some(group) = gpu.groups.first() {
+            // Drivers compile at the first dispatch: an attempt that is never settled gets that over with.
+            gpu.run(group, 0..1, 0..1, &[Step::Attempt])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
@@ -127,20 +111,10 @@ impl Gpu {
         let ticks: u64 = self.groups.iter().flat_map(|group| &group.ticks).sum();
         let mut at = from;
         while at < to && !stop.load(Ordering::Relaxed) {
-            let generations = self.pace.generations(ticks).min(to - at);
-            for group in &self.groups {
-                let mut first = 0;
-                while let Some(ticks) = group.ticks.get(first..).filter(|ticks| !ticks.is_empty()) {
-                    let islands = self.pace.islands(ticks, generations);
-                    let began = Instant::now();
-                    self.dispatch(&self.anneal, group, first, islands, at..at + generations)?;
-                    let ran: u64 = ticks.iter().take(islands).sum();
-                    self.pace
-                        .measured(ran * u64::from(generations), began.elapsed());
-                    first += islands;
-                }
-            }
-            at += generations;
+            let generations = self.pace.generations(ticks).min(MOST_GENERATIONS);
+            let next = to.min(at.saturating_add(generations));
+            self.everywhere(at..next, &[Step::Attempt, Step::Settle])?;
+            at = next;
         }
         Ok(at)
     }
@@ -167,15 +141,36 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn scores(&mut self) -> Result<Vec<Vec<f32>>, GpuError> {
+        self.everywhere(0..1, &[Step::Score])?;
+        self.gathered(|group| group.scores(&self.device, self.genes))
+    }
+
+    /// Runs these steps for these generations on all islands, as many at once as the pace allows.
+    fn everywhere(&mut self, generations: Range<u32>, steps: &[Step]) -> Result<(), GpuError> {
         for group in &self.groups {
             let mut first = 0;
-            while let Some(ticks) = group.ticks.get(first..).filter(|ticks| !ticks.is_empty()) {
-                let islands = self.pace.islands(ticks, 1);
-                self.dispatch(&self.score, group, first, islands, 0..0)?;
-                first += islands;
+            while let Some(left) = group.ticks.get(first..).filter(|left| !left.is_empty()) {
+                let count = self.pace.islands(left, generations.len() as u32);
+                let began = Instant::now();
+                self.run(group, first..first + count, generations.clone(), steps)?;
+                let ticks: u64 = left.iter().take(count).sum();
+                self.pace
+                    .measured(ticks * generations.len() as u64, began.elapsed());
+                first += count;
             }
         }
-        self.gathered(|group| group.scored(&self.device))
+        Ok(())
+    }
+
+    fn run(
+        &self,
+        group: &Group,
+        islands: Range<usize>,
+        generations: Range<u32>,
+        steps: &[Step],
+    ) -> Result<(), GpuError> {
+        self.kernel
+            .run(&self.device, group, islands, generations, steps)
     }
 
     fn gathered<T>(
@@ -189,51 +184,6 @@ impl Gpu {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(groups.into_iter().flatten().collect())
     }
-
-    /// Runs `islands` of a group from its `first` on, and waits.
-    fn dispatch(
-        &self,
-        pipeline: &ComputePipeline,
-        group: &Group,
-        first: usize,
-        islands: usize,
-        generations: std::ops::Range<u32>,
-    ) -> Result<(), GpuError> {
-        let islands = islands as u32;
-        // Workgroups past a dimension's limit go into the next; those left over in the last row do nothing.
-        let columns = islands.clamp(
-            1,
-            self.device
-                .device
-                .limits()
-                .max_compute_workgroups_per_dimension,
-        );
-        group.instruct(
-            &self.device,
-            [
-                self.seed as u32,
-                (self.seed >> 32) as u32,
-                generations.start,
-                generations.end,
-                first as u32,
-                islands,
-                columns,
-                0,
-            ],
-        );
-        let mut encoder = self
-            .device
-            .device
-            .create_command_encoder(&CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &group.bindings, &[]);
-            pass.dispatch_workgroups(columns, islands.div_ceil(columns), 1);
-        }
-        self.device.queue.submit([encoder.finish()]);
-        self.device.wait()
-    }
 }
 
 /// Whether the islands are as many, and have as many genes, as the problem asks for.
@@ -246,81 +196,16 @@ fn check_population(problem: &Problem, islands: &[Island]) -> Result<(), GpuErro
             found,
         }),
     };
-    check(
-        "the number of islands",
-        problem.sets.len() * problem.islands,
-        islands.len(),
-    )?;
+    let expected = problem.sets.len() * problem.islands;
+    check("the number of islands", expected, islands.len())?;
+    let genes = problem.genes();
     for island in islands {
-        check("the number of genes", problem.genes(), island.genes.len())?;
-        check(
-            "the number of genes of the best",
-            problem.genes(),
-            island.best.len(),
-        )?;
+        check("the number of genes", genes, island.genes.len())?;
+        check("the number of genes of the best", genes, island.best.len())?;
         check("the number of scores", ISLAND, island.scores.len())?;
         for row in &island.genes {
             check("the number of members", ISLAND, row.len())?;
         }
     }
     Ok(())
-}
-
-/// The bindings of `anneal.wgsl` and the pieces it is composed with.
-fn layout(device: &Device) -> BindGroupLayout {
-    let entry = |binding| BindGroupLayoutEntry {
-        binding,
-        visibility: ShaderStages::COMPUTE,
-        ty: BindingType::Buffer {
-            ty: match binding {
-                0 => BufferBindingType::Uniform,
-                1..=4 => BufferBindingType::Storage { read_only: true },
-                _ => BufferBindingType::Storage { read_only: false },
-            },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        count: None,
-    };
-    device
-        .device
-        .create_bind_group_layout(&BindGroupLayoutDescriptor {
-            label: Some("group"),
-            entries: &(0..8).map(entry).collect::<Vec<_>>(),
-        })
-}
-
-/// The two entry points, `anneal` and `score_members`.
-fn pipelines(
-    device: &Device,
-    layout: &BindGroupLayout,
-    structure: &Structure,
-) -> Result<[ComputePipeline; 2], GpuError> {
-    let kernel = compose(structure)?;
-    let module = device.device.create_shader_module(ShaderModuleDescriptor {
-        label: Some("kernel"),
-        source: ShaderSource::Wgsl(kernel.source.into()),
-    });
-    device.check()?;
-    let layout = device
-        .device
-        .create_pipeline_layout(&PipelineLayoutDescriptor {
-            label: Some("kernel"),
-            bind_group_layouts: &[Some(layout)],
-            ..PipelineLayoutDescriptor::default()
-        });
-    let pipelines = ["anneal", "score_members"].map(|entry| {
-        device
-            .device
-            .create_compute_pipeline(&ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&layout),
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: PipelineCompilationOptions::default(),
-                cache: None,
-            })
-    });
-    device.check()?;
-    Ok(pipelines)
 }

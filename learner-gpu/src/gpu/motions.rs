@@ -42,8 +42,6 @@ impl Motions {
         let method = Method {
             stepper: settings.stepper.stepper(),
             model: Model::from(settings.model),
-            lambda: settings.lambda as f32,
-            dt: settings.dt() as f32,
             clamped: settings.clamped,
         };
         let chains = problem

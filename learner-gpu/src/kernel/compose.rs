@@ -30,9 +30,6 @@ pub struct Structure {
     genes: usize,
     stepper: &'static str,
     model: &'static str,
-    /// λ·dt, and dt in seconds, as WGSL.
-    gain: String,
-    dt: String,
     /// Whether the base frame is anything but the origin and its axes.
     base: bool,
     links: Vec<Link>,
@@ -85,10 +82,6 @@ pub struct Method {
     pub stepper: AnyStepper<f32>,
     /// The synergy.
     pub model: Model,
-    /// λ.
-    pub lambda: f32,
-    /// The period, seconds.
-    pub dt: f32,
     /// Whether ticks keep within the joint limits.
     pub clamped: bool,
 }
@@ -225,8 +218,6 @@ impl Structure {
             genes,
             stepper: method.stepper_name(),
             model: method.model_name(),
-            gain: literal(method.lambda * method.dt),
-            dt: literal(method.dt),
             base: chain.base() != origin,
             links: chain.links().iter().enumerate().map(link).collect(),
             tip: components(&chain.tip_transform().1),
@@ -319,11 +310,6 @@ impl Structure {
     /// How many parameters a member has.
     pub fn genes(&self) -> usize {
         self.genes
-    }
-
-    /// Bytes of workgroup memory that the code declares.
-    pub fn workgroup_bytes(&self) -> usize {
-        4 * (ISLAND * self.genes + 2 * ISLAND + self.genes + 5)
     }
 }
 

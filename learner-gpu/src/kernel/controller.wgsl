@@ -1,10 +1,5 @@
 // One control tick (SPEC section 2): optimise, apply the synergy, integrate, clamp. Mirror of core/src/controller.rs.
 
-/// λ·dt.
-const GAIN = ${gain};
-/// The period, seconds.
-const DT = ${dt};
-
 /// The joint vector at a motion's beginning.
 fn start(arm: Arm) -> Joints {
     return Joints(
@@ -17,7 +12,7 @@ fn start(arm: Arm) -> Joints {
 /// The joint vector one period later.
 fn tick(arm: Arm, parameters: Parameters, q: Joints, at: Kinematics, count: u32) -> Joints {
     let error = arm.target_at - at.tip;
-    let step = apply(parameters, optimise(columns(at), error, GAIN), f32(count) * DT);
+    let step = apply(parameters, optimise(columns(at), error, run.gain), f32(count) * run.dt);
     return Joints(
         // A step that is no number moves nothing.
         //% for i in range(dofs)

@@ -79,14 +79,13 @@ fn forward(arm: Arm, q: Joints) -> Kinematics {
     out.origin[${i}] = at;
     //% endfor
     //% if tip
-    out.tip = at + (
+    at = at + (
         //% for k in tip
         ${"+ " if not loop.first else ""}axes[${k}] * arm.tip_${k}
         //% endfor
     );
-    //% else
-    out.tip = at;
     //% endif
+    out.tip = at * run.one;
     return out;
 }
 

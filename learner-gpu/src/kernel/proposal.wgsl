@@ -19,9 +19,6 @@ struct Draws {
     generation: u32,
 }
 
-/// The island's genes as the generation began, gene by gene.
-var<workgroup> island_genes: array<array<u32, ${island}>, ${genes}>;
-
 /// The `number`th four draws.
 fn block(draws: Draws, number: u32) -> vec4u {
     return philox(vec4u(number, draws.generation, draws.member, draws.set_number), draws.seed);
@@ -55,9 +52,9 @@ fn takes_part(k: u32, noise: u32, share: u32, sure: u32) -> bool {
     return ((noise & 255u) < share) | (k == sure);
 }
 
-/// A member's genes to be tried in a later generation: `me` is its place in the island, `best` that of the best. `own`
-/// is the first block of draws, whose third decides acceptance.
-fn propose(draws: Draws, own: vec4u, me: u32, best: u32) -> Genes {
+/// A member's genes to be tried in a later generation: `which` is its island, `me` its place there, `best` that of the
+/// best. `own` is the first block of draws, whose third decides acceptance.
+fn propose(draws: Draws, own: vec4u, which: u32, me: u32, best: u32) -> Genes {
     const OTHERS = ISLAND - 1u;
     let first = own[0] % OTHERS;
     let other = (own[0] / OTHERS) % (OTHERS - 1u);
@@ -94,11 +91,11 @@ fn propose(draws: Draws, own: vec4u, me: u32, best: u32) -> Genes {
     var out: Genes;
     //% for k in range(genes)
     {
-        let x = i32(island_genes[${k}][me]);
-        let difference = (i32(island_genes[${k}][a]) - i32(island_genes[${k}][b])) * step / 64i;
+        let x = i32(islands[which].genes[${k}][me]);
+        let difference = (i32(islands[which].genes[${k}][a]) - i32(islands[which].genes[${k}][b])) * step / 64i;
         // A uniform draw in ±2²³.
         let uniform = i32(noise[${k}] >> 8u) - (1i << 23u);
-        let towards = difference + (i32(island_genes[${k}][best]) - x) * 32i / 64i;
+        let towards = difference + (i32(islands[which].genes[${k}][best]) - x) * 32i / 64i;
         var delta = select(uniform / (1i << jitter), towards, kind == 2u);
         delta = select(delta, difference + uniform / (1i << 19u), kind < 2u);
         let moved = clamp(x + delta, 0i, i32(GENE));

@@ -1,0 +1,30 @@
+//! Prints a line for every motion: run on a microcontroller and on a host, the lines are the same.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+use sinew_checks::motions::{REACHES, run};
+use sinew_checks::say;
+
+sinew_checks::entry!(all);
+
+/// How many of the reaches: a slow processor is spared some (`SINEW_REACHES` at build time).
+fn count() -> usize {
+    option_env!("SINEW_REACHES")
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(usize::MAX)
+}
+
+fn all() -> bool {
+    REACHES.iter().take(count()).all(|reach| {
+        run(reach, |stepper, model, task, hash| {
+            say!(
+                "{} {} {} {} {:016x}",
+                reach.name,
+                stepper,
+                model,
+                task,
+                hash
+            );
+        })
+        .is_ok()
+    })
+}

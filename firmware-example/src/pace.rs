@@ -1,0 +1,68 @@
+//! Limits of speed and acceleration for one DoF, in steps a tick.
+//!
+//! A step is how far a DoF moves in a tick. It changes by no more than `change` from one tick to the next, never
+//! exceeds `most`, and is never so long that the DoF could not stop before its limit: with room r left, steps that
+//! shrink by a each tick stop in time if s²/2a + s/2 + a/8 ≤ r.
+
+use sinew::real::Real;
+
+use crate::PERIOD;
+
+/// The limits, for every DoF alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// The longest step, rad (or m) a tick.
+    most: f32,
+    /// The greatest change of a step, rad (or m) a tick².
+    change: f32,
+}
+
+impl Pace {
+    /// From a speed (rad/s or m/s) and an acceleration (rad/s² or m/s²), both positive.
+    pub fn new(speed: f32, acceleration: f32) -> Self {
+        Pace {
+            most: speed * PERIOD,
+            change: acceleration * PERIOD * PERIOD,
+        }
+    }
+
+    /// How much of a posture's change to take: 1, or less where the longest of its steps, `longest`, is above the limit
+    /// or could not be stopped within `room`. All DoFs are slowed alike, so that the hand keeps its way.
+    pub fn share(&self, longest: f32, room: f32) -> f32 {
+        let most = self.in_time(longest.least(self.most), room, GENTLE * self.change);
+        if most < longest { most / longest } else { 1.0 }
+    }
+
+    /// The step to take where `want` is wanted: `before` is the one before, `down` and `up` the room to the limits.
+    #[inline]
+    pub fn step(&self, want: f32, before: f32, down: f32, up: f32) -> f32 {
+        let want = want.within(-self.most, self.most);
+        let want = if want < 0.0 {
+            -self.in_time(-want, down, FIRM * self.change)
+        } else {
+            self.in_time(want, up, FIRM * self.change)
+        };
+        want.within(before - self.change, before + self.change)
+    }
+
+    /// The longest step up to `want` that steps `a` shorter each can end within `room`.
+    #[inline]
+    fn in_time(&self, want: f32, room: f32, a: f32) -> f32 {
+        // The sum of steps that do not end at 0 evenly is longer, by an eighth of `a` at most.
+        let room = room - 0.125 * a;
+        if want * (want + a) <= 2.0 * a * room {
+            return want;
+        }
+        if room > 0.0 {
+            a * (Real::sqrt(0.25 + 2.0 * room / a) - 0.5)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// A joint's limit is braked for with this share of the acceleration: the rest is for rounding.
+const FIRM: f32 = 0.95;
+
+/// A target is braked for with this share of the acceleration: the rest is for the way to turn.
+const GENTLE: f32 = 0.5;

@@ -1,0 +1,47 @@
+//! The main loop: sleep, tick, servos, line.
+
+use embedded_storage::nor_flash::NorFlash;
+use sinew_protocol::{MOST_FRAME, Mode};
+
+use crate::board::Board;
+use crate::node::Node;
+use crate::servo::Calibration;
+
+/// Forever.
+pub fn run<B: Board, F: NorFlash>(mut board: B, mut node: Node<F>) -> ! {
+    loop {
+        turn(&mut board, &mut node);
+    }
+}
+
+/// Until the next time the chip would sleep. True: it was a tick.
+pub fn turn<B: Board, F: NorFlash>(board: &mut B, node: &mut Node<F>) -> bool {
+    let due = board.wait();
+    if due {
+        let before = board.now();
+        node.tick();
+        pulses(board, node);
+        let period = board.period();
+        node.spent(board.now().wrapping_sub(before), period);
+    }
+    let mut reply = [0; MOST_FRAME];
+    while let Some(byte) = board.read() {
+        if let Some(frame) = node.receive(byte, &mut reply) {
+            board.write(frame);
+        }
+    }
+    due
+}
+
+/// The posture to the servos.
+fn pulses<B: Board, F: NorFlash>(board: &mut B, node: &Node<F>) {
+    let arm = node.arm();
+    let free = arm.mode() == Mode::Stopped && arm.is_at_rest();
+    for ((channel, servo), &q) in board.servos().into_iter().zip(B::SERVOS).zip(arm.angles()) {
+        if free {
+            Calibration::release(channel);
+        } else {
+            servo.send(q, B::FRAME, channel);
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! The compiled kernel and how it is run.
+
+use std::ops::Range;
+
+use wgpu::{
+    BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType,
+    BufferBindingType, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
+    ComputePipelineDescriptor, PipelineCompilationOptions, PipelineLayoutDescriptor,
+    ShaderModuleDescriptor, ShaderSource, ShaderStages,
+};
+
+use super::device::Device;
+use super::error::GpuError;
+use super::group::Group;
+use crate::kernel::compose::{Structure, compose};
+use crate::problem::Problem;
+
+/// Generations in one submission, at most.
+pub(super) const MOST_GENERATIONS: u32 = 256;
+/// Bytes of a `Run` in `anneal.wgsl`.
+pub(super) const RUN_BYTES: u64 = 40;
+/// Bytes from one to the next: what every device can begin a binding at.
+pub(super) const RUN_STRIDE: u64 = 256;
+
+/// What a dispatch does: an entry point of `anneal.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Proposes, scores and decides.
+    Attempt,
+    /// Carries out what was decided, and sums up.
+    Settle,
+    /// Scores the members as they are.
+    Score,
+}
+
+/// The kernel for one problem.
+pub(super) struct Kernel {
+    pub layout: BindGroupLayout,
+    attempt: ComputePipeline,
+    settle: ComputePipeline,
+    score: ComputePipeline,
+    seed: u64,
+    /// λ·dt, and dt in seconds: multiplied in `f32` as the core does.
+    gain: f32,
+    dt: f32,
+    /// Workgroups that fit in a row.
+    columns: u32,
+}
+
+impl Kernel {
+    /// Composes the kernel and hands it to the driver.
+    ///
+    /// # Errors
+    /// The device refuses it.
+    pub fn new(device: &Device, structure: &Structure, problem: &Problem) -> Result<Self, GpuError> {
+        let source = compose(structure)?.source;
+        let module = device.device.create_shader_module(ShaderModuleDescriptor {
+            label: Some("kernel"),
+            source: ShaderSource::Wgsl(source.into()),
+        });
+        device.check()?;
+        let layout = layout(device);
+        let pipelines = device.device.create_pipeline_layout(&PipelineLayoutDescriptor {
+            label: Some("kernel"),
+            bind_group_layouts: &[Some(&layout)],
+            ..PipelineLayoutDescriptor::default()
+        });
+        let [attempt, settle, score] = ["attempt", "settle", "score_members"].map(|entry| {
+            device.device.create_compute_pipeline(&ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: Some(&pipelines),
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: PipelineCompilationOptions::default(),
+                cache: None,
+            })
+        });
+        device.check()?;
+        let dt = problem.settings.dt() as f32;
+        Ok(Kernel {
+            layout,
+            attempt,
+            settle,
+            score,
+            seed: problem.seed,
+            gain: problem.settings.lambda as f32 * dt,
+            dt,
+            columns: device.device.limits().max_compute_workgroups_per_dimension.max(1),
+        })
+    }
+
+    /// Runs these steps on these islands of a group, for each generation in turn (at most [`MOST_GENERATIONS`]), and
+    /// waits.
+    ///
+    /// # Errors
+    /// The device is lost, or refuses.
+    pub fn run(
+        &self,
+        device: &Device,
+        group: &Group,
+        islands: Range<usize>,
+        generations: Range<u32>,
+        steps: &[Step],
+    ) -> Result<(), GpuError> {
+        let count = islands.len() as u32;
+        // Workgroups past a row's limit go into the next; those left over in the last row do nothing.
+        let columns = count.clamp(1, self.columns);
+        let mut runs = Vec::new();
+        for generation in generations.clone() {
+            runs.extend([
+                self.seed as u32,
+                (self.seed >> 32) as u32,
+                generation,
+                islands.start as u32,
+                count,
+                columns,
+                self.gain.to_bits(),
+                self.dt.to_bits(),
+                1.0f32.to_bits(),
+            ]);
+            runs.resize(runs.len().next_multiple_of(RUN_STRIDE as usize / 4), 0);
+        }
+        device.write(&group.run, &runs);
+
+        let mut encoder = device.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
+            for turn in 0..generations.len() as u32 {
+                pass.set_bind_group(0, &group.bindings, &[turn * RUN_STRIDE as u32]);
+                for step in steps {
+                    pass.set_pipeline(match step {
+                        Step::Attempt => &self.attempt,
+                        Step::Settle => &self.settle,
+                        Step::Score => &self.score,
+                    });
+                    pass.dispatch_workgroups(columns, count.div_ceil(columns), 1);
+                }
+            }
+        }
+        device.queue.submit([encoder.finish()]);
+        device.wait()
+    }
+}
+
+/// The bindings of `anneal.wgsl` and the pieces it is composed with.
+fn layout(device: &Device) -> BindGroupLayout {
+    let entry = |binding| BindGroupLayoutEntry {
+        binding,
+        visibility: ShaderStages::COMPUTE,
+        ty: BindingType::Buffer {
+            ty: match binding {
+                0 => BufferBindingType::Uniform,
+                1..=4 => BufferBindingType::Storage { read_only: true },
+                _ => BufferBindingType::Storage { read_only: false },
+            },
+            has_dynamic_offset: binding == 0,
+            min_binding_size: None,
+        },
+        count: None,
+    };
+    device.device.create_bind_group_layout(&BindGroupLayoutDescriptor {
+        label: Some("group"),
+        entries: &(0..8).map(entry).collect::<Vec<_>>(),
+    })
+}
