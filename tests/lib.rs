@@ -1,6 +1,7 @@
 //! What the tests that reach across packages share.
 
 pub mod random;
+pub mod reaches;
 
 use std::path::PathBuf;
 

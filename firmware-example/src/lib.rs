@@ -11,6 +11,7 @@
 //! - [`store`]: what survives a reset
 //! - [`servo`]: from an angle to a pulse
 //! - [`convert`]: from what the line carries to what the core takes
+//! - [`learned`]: a reach and its synergy, as `sinew export` wrote it from `learned.json`
 //! - [`board`]: what a board has to offer, and the boards there are
 //!
 //! All but the boards runs on a host too, with the same bits.
@@ -20,6 +21,7 @@
 pub mod arm;
 pub mod board;
 pub mod convert;
+pub mod learned;
 pub mod node;
 pub mod pace;
 pub mod run;

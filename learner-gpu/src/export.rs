@@ -1,22 +1,22 @@
-//! A learned synergy for firmware: Rust constants, a flash page's record, or JSON.
+//! A learned synergy and its chain as the arm controller's settings: a Rust constant, a flash page's record, or JSON.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 
 use sinew_protocol as wire;
 use sinew_protocol::frame::CHECK;
 
-use crate::chain::{ChainDescription, KindDescription, TransformDescription};
+use crate::chain::{ChainDescription, ChainError, KindDescription, TransformDescription};
 use crate::problem::{ModelKind, StepperKind};
 use crate::synergies::{LearnedMotion, Synergies};
 
 /// What an export is written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
-    /// Constants to compile into a firmware
+    /// A constant to compile into a firmware
     Rust,
     /// The record that the firmware example keeps in a flash page
     Postcard,
-    /// The same as text
+    /// The same settings as text
     Json,
 }
 
@@ -24,29 +24,34 @@ pub enum Format {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// There is no such motion.
-    #[error("there is no motion {0}, counted from 0")]
-    NoMotion(usize),
-    /// The firmware's arm has another number of DoFs.
-    #[error("the chain has {0} joints; the firmware example's arm has {dofs}", dofs = wire::DOFS)]
-    Dofs(usize),
+    /// The chain is wrong, or the firmware's arm has another number of DoFs.
+    #[error(transparent)]
+    Chain(#[from] ChainError),
+    /// The synergy is wrong.
+    #[error("the synergy: {0}")]
+    Synergy(#[from] sinew::Error),
     /// The encoder refused it.
     #[error("{0}")]
     Encoding(String),
 }
 
-/// A motion's chain and synergy as the firmware's settings.
+impl ExportError {
+    fn encoding(error: impl fmt::Display) -> Self {
+        ExportError::Encoding(error.to_string())
+    }
+}
+
+/// A motion's chain and synergy, with the default limits, as the controller takes them: each number rounded once.
 ///
 /// # Errors
-/// No such motion, or a chain that is not of seven DoFs.
-pub fn settings(synergies: &Synergies, motion: usize) -> Result<wire::Settings, ExportError> {
-    let learned = synergies
-        .motions
-        .get(motion)
-        .ok_or(ExportError::NoMotion(motion))?;
+/// A chain that is not of seven DoFs, or parameters that the core refuses.
+pub fn settings(
+    synergies: &Synergies,
+    motion: &LearnedMotion,
+) -> Result<wire::Settings, ExportError> {
     Ok(wire::Settings {
-        chain: Some(chain(synergies.chain_of(learned))?),
-        synergy: Some(synergy(synergies, learned)?),
+        chain: Some(chain(synergies.chain_of(motion))?),
+        synergy: Some(synergy(synergies, motion)?),
         limits: wire::Limits::DEFAULT,
     })
 }
@@ -57,37 +62,38 @@ pub fn settings(synergies: &Synergies, motion: usize) -> Result<wire::Settings, 
 /// As [`settings`]; or the encoder's.
 pub fn export(
     synergies: &Synergies,
-    motion: usize,
+    motion: &LearnedMotion,
     format: Format,
 ) -> Result<Vec<u8>, ExportError> {
     let settings = settings(synergies, motion)?;
-    let encoding = |error: &dyn std::fmt::Display| ExportError::Encoding(error.to_string());
     match format {
-        Format::Json => serde_json::to_vec_pretty(&settings).map_err(|e| encoding(&e)),
+        Format::Rust => rust(&settings, motion)
+            .map(String::into_bytes)
+            .map_err(ExportError::encoding),
         Format::Postcard => {
             let record = wire::Record {
                 format: wire::FORMAT,
                 count: 0,
                 settings,
             };
-            let mut bytes = postcard::to_stdvec(&record).map_err(|e| encoding(&e))?;
+            let mut bytes = postcard::to_stdvec(&record).map_err(ExportError::encoding)?;
             bytes.extend(CHECK.checksum(&bytes).to_le_bytes());
             Ok(bytes)
         }
-        Format::Rust => {
-            let learned = synergies
-                .motions
-                .get(motion)
-                .ok_or(ExportError::NoMotion(motion))?;
-            rust(&settings, learned)
-                .map_err(|e| encoding(&e))
-                .map(String::into_bytes)
+        Format::Json => {
+            let mut text = serde_json::to_vec_pretty(&settings).map_err(ExportError::encoding)?;
+            text.push(b'\n');
+            Ok(text)
         }
     }
 }
 
-fn synergy(synergies: &Synergies, learned: &LearnedMotion) -> Result<wire::Synergy, ExportError> {
-    let numbers: Vec<f32> = learned.parameters.iter().map(|&x| x as f32).collect();
+fn synergy(synergies: &Synergies, motion: &LearnedMotion) -> Result<wire::Synergy, ExportError> {
+    let parameters: Vec<f32> = motion.parameters.iter().map(|&x| x as f32).collect();
+    sinew::synergy::Synergy::<f32, { wire::DOFS }>::from_parameters(
+        motion.model.into(),
+        &parameters,
+    )?;
     Ok(wire::Synergy {
         stepper: match synergies.stepper {
             StepperKind::Transpose => wire::Stepper::Transpose,
@@ -97,16 +103,16 @@ fn synergy(synergies: &Synergies, learned: &LearnedMotion) -> Result<wire::Syner
             StepperKind::SelectivelyDamped => wire::Stepper::SelectivelyDamped,
         },
         rate: synergies.lambda as f32,
-        model: match learned.model {
+        model: match motion.model {
             ModelKind::A => wire::Model::A,
             ModelKind::B => wire::Model::B,
             ModelKind::C => wire::Model::C,
             ModelKind::D => wire::Model::D,
         },
-        parameters: numbers
+        parameters: parameters
             .as_slice()
             .try_into()
-            .map_err(|_| ExportError::Dofs(numbers.len()))?,
+            .map_err(|_| ExportError::encoding("too many parameters"))?,
     })
 }
 
@@ -118,74 +124,135 @@ fn transform(t: &TransformDescription) -> wire::Transform {
 }
 
 fn chain(chain: &ChainDescription) -> Result<wire::Chain, ExportError> {
-    let dofs = ExportError::Dofs(chain.joints.len());
-    let joints: Vec<wire::Joint> = chain
-        .joints
-        .iter()
-        .map(|joint| wire::Joint {
+    chain.build::<{ wire::DOFS }>()?;
+    let mut joints = [wire::Joint {
+        slides: false,
+        translation: [0.0; 3],
+        rotation: [0.0; 4],
+        axis: [0.0; 3],
+        lower: 0.0,
+        upper: 0.0,
+    }; wire::DOFS];
+    for (to, joint) in joints.iter_mut().zip(&chain.joints) {
+        *to = wire::Joint {
             slides: joint.kind == KindDescription::Prismatic,
             translation: joint.translation.map(|x| x as f32),
             rotation: joint.rotation.map(|x| x as f32),
-            axis: joint.axis.map(|x| x as f32),
+            axis: axis(joint.axis),
             lower: joint.lower as f32,
             upper: joint.upper as f32,
-        })
-        .collect();
-    let landmarks = chain.landmarks.iter().map(|l| u8::try_from(l.joint));
-    let landmarks: Vec<u8> = landmarks
-        .collect::<Result<_, _>>()
-        .map_err(|_| dofs.clone())?;
+        };
+    }
+    let landmarks = chain.landmarks.iter().map(|landmark| landmark.joint as u8);
     Ok(wire::Chain {
         base: wire::Transform {
             translation: [0.0; 3],
             rotation: [0.0, 0.0, 0.0, 1.0],
         },
-        joints: joints.try_into().map_err(|_| dofs.clone())?,
+        joints,
         tip: transform(&chain.tip),
-        landmarks: landmarks.as_slice().try_into().map_err(|_| dofs)?,
+        // No more than there are DoFs: the chain was built.
+        landmarks: landmarks.take(wire::DOFS).collect(),
     })
 }
 
-fn rust(settings: &wire::Settings, learned: &LearnedMotion) -> Result<String, std::fmt::Error> {
+/// An axis of any length, as long as an `f32` can hold.
+fn axis(axis: [f64; 3]) -> [f32; 3] {
+    let longest = axis.iter().fold(0.0f64, |longest, x| longest.max(x.abs()));
+    match (1e-3..=1e3).contains(&longest) {
+        true => axis.map(|x| x as f32),
+        false => axis.map(|x| (x / longest) as f32),
+    }
+}
+
+/// The constant's source, laid out as rustfmt leaves it alone. A float's `Debug` is the shortest literal that reads
+/// back as the same bits.
+fn rust(settings: &wire::Settings, motion: &LearnedMotion) -> Result<String, fmt::Error> {
     let mut text = String::new();
+    let (Some(chain), Some(synergy)) = (&settings.chain, &settings.synergy) else {
+        return Err(fmt::Error);
+    };
+    let place = |t: &wire::Transform| {
+        format!(
+            "Transform {{ translation: {:?}, rotation: {:?} }}",
+            t.translation, t.rotation
+        )
+    };
+    let wire::Limits {
+        speed,
+        acceleration,
+        silence_ms,
+    } = settings.limits;
     writeln!(
         text,
-        "//! Learned from {}. For `sinew::synergy::Synergy::from_parameters`.\n",
-        learned.file
+        "//! Learned from {:?}; made by `sinew export`.",
+        motion.file
     )?;
-    if let Some(synergy) = &settings.synergy {
+    writeln!(text)?;
+    writeln!(
+        text,
+        "use sinew_protocol::{{Chain, Joint, Limits, Model, Settings, Stepper, Synergy, Transform, Vec}};"
+    )?;
+    writeln!(text)?;
+    writeln!(text, "/// The chain and its synergy.")?;
+    writeln!(text, "#[allow(clippy::approx_constant)]")?;
+    writeln!(text, "#[rustfmt::skip]")?;
+    writeln!(text, "pub const SETTINGS: Settings = Settings {{")?;
+    writeln!(text, "    chain: Some(Chain {{")?;
+    writeln!(text, "        base: {},", place(&chain.base))?;
+    writeln!(text, "        joints: [")?;
+    for joint in &chain.joints {
+        let wire::Joint {
+            slides,
+            translation,
+            rotation,
+            axis,
+            lower,
+            upper,
+        } = joint;
         writeln!(
             text,
-            "/// The stepper it was learned with: `sinew::stepper::{:?}`, at this rate λ.",
-            synergy.stepper
-        )?;
-        writeln!(text, "pub const RATE: f32 = {:?};\n", synergy.rate)?;
-        writeln!(text, "/// The synergy model.")?;
-        writeln!(
-            text,
-            "pub const MODEL: sinew::synergy::Model = sinew::synergy::Model::{:?};\n",
-            synergy.model
-        )?;
-        writeln!(text, "/// Its parameters: gains, offsets, slopes (1/s).")?;
-        let numbers = &synergy.parameters;
-        writeln!(
-            text,
-            "pub const PARAMETERS: [f32; {}] = {:?};\n",
-            numbers.len(),
-            numbers.as_slice()
+            "            Joint {{ slides: {slides}, translation: {translation:?}, rotation: {rotation:?}, axis: {axis:?}, lower: {lower:?}, upper: {upper:?} }},"
         )?;
     }
-    let start: Vec<f32> = learned.initial_posture.iter().map(|&x| x as f32).collect();
-    writeln!(text, "/// The posture it began with, radians.")?;
+    writeln!(text, "        ],")?;
+    writeln!(text, "        tip: {},", place(&chain.tip))?;
+    writeln!(
+        text,
+        "        landmarks: Vec::from_array({:?}),",
+        chain.landmarks
+    )?;
+    writeln!(text, "    }}),")?;
+    writeln!(text, "    synergy: Some(Synergy {{")?;
+    writeln!(text, "        stepper: Stepper::{:?},", synergy.stepper)?;
+    writeln!(text, "        rate: {:?},", synergy.rate)?;
+    writeln!(text, "        model: Model::{:?},", synergy.model)?;
+    writeln!(
+        text,
+        "        parameters: Vec::from_array({:?}),",
+        synergy.parameters
+    )?;
+    writeln!(text, "    }}),")?;
+    writeln!(
+        text,
+        "    limits: Limits {{ speed: {speed:?}, acceleration: {acceleration:?}, silence_ms: {silence_ms} }},"
+    )?;
+    writeln!(text, "}};")?;
+    writeln!(text)?;
+    let start: Vec<f32> = motion.initial_posture.iter().map(|&x| x as f32).collect();
+    let target = motion.target.map(|x| x as f32);
+    writeln!(
+        text,
+        "/// The posture that the motion begins with, radians (or metres)."
+    )?;
+    writeln!(text, "#[rustfmt::skip]")?;
     writeln!(text, "pub const START: [f32; {}] = {start:?};", start.len())?;
+    writeln!(text)?;
     writeln!(
         text,
-        "/// The target it was learned for, metres in the base frame."
+        "/// The target that it was learned for, metres in the base frame."
     )?;
-    writeln!(
-        text,
-        "pub const TARGET: [f32; 3] = {:?};",
-        learned.target.map(|x| x as f32)
-    )?;
+    writeln!(text, "#[rustfmt::skip]")?;
+    writeln!(text, "pub const TARGET: [f32; 3] = {target:?};")?;
     Ok(text)
 }

@@ -22,8 +22,15 @@ const GENERATIONS_A_LOOK: u32 = 32;
 /// generations ago.
 const SETTLED: f64 = 0.005;
 
-/// Fewer generations than this are never called settled.
-const LEAST_GENERATIONS: u32 = 256;
+/// Fewer generations than this are never called settled: twice the last of [`ROUNDS`], so that a settled mean is that
+/// of the islands that are left.
+const LEAST_GENERATIONS: u32 = 1024;
+
+/// The generations after which of each set's islands the best quarter goes on alone.
+///
+/// A motion has many valleys, and an island settles in one. Many islands look for valleys, few go to their ends:
+/// successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016).
+const ROUNDS: [u32; 2] = [128, 512];
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -66,8 +73,10 @@ pub enum Backend {
 pub struct Search {
     /// Generations that ran.
     pub generation: u32,
-    /// The population.
+    /// The population: the islands of set 0 that are left, then those of set 1, and so on, as many of each.
     pub islands: Vec<Island>,
+    /// Motions that were synthesised and compared.
+    pub evaluations: u64,
     /// Seconds it took so far.
     pub seconds: f64,
     /// The population's mean score (metres) at every look.
@@ -103,6 +112,7 @@ impl Search {
         Search {
             generation: 0,
             islands: vec![Island::new(problem.genes()); count],
+            evaluations: 0,
             seconds: 0.0,
             means: Vec::new(),
             settled: false,
@@ -127,28 +137,29 @@ impl Search {
         let before = self.seconds;
         let began = Instant::now();
         let mut saved = 0.0;
+        let mut left = self.left(problem);
         while !self.settled && self.generation < generations {
             let look = (self.generation / GENERATIONS_A_LOOK + 1) * GENERATIONS_A_LOOK;
-            match self.advance(problem, backend, look.min(generations), stop) {
-                Ok(()) => {}
-                Err(LearnError::Gpu(error))
-                    if matches!(backend, Backend::Gpu { or_cpu: true, .. }) =>
-                {
-                    // What is here is the last read-back, whole: nothing but the time since is lost.
-                    report(Err(format!(
-                        "{error}; going on with the CPU from generation {}",
-                        self.generation
-                    )));
-                    *backend = Backend::Cpu;
-                    continue;
-                }
-                Err(error) => return Err(error),
+            if let Err(error) = self.advance(&left, backend, look.min(generations), stop) {
+                // What is here is the last read-back, whole: nothing but the time since is lost.
+                report(Err(self.fall_back(backend, error)?));
+                continue;
             }
             let elapsed = began.elapsed().as_secs_f64();
             self.seconds = before + elapsed;
-            let progress = self.progress(problem);
+            let progress = self.progress(&left);
             if self.generation == look {
                 self.look(progress.mean);
+                if self.cull(&left) {
+                    left = self.left(problem);
+                    let replaced = match backend {
+                        Backend::Gpu { device, .. } => device.replace(&left, &self.islands),
+                        Backend::Cpu => Ok(()),
+                    };
+                    if let Err(error) = replaced {
+                        report(Err(self.fall_back(backend, error.into())?));
+                    }
+                }
             }
             report(Ok(progress));
 
@@ -170,6 +181,44 @@ impl Search {
         })
     }
 
+    /// Goes on with the CPU where that is allowed, and says so.
+    fn fall_back(&self, backend: &mut Backend, error: LearnError) -> Result<String, LearnError> {
+        match (&*backend, error) {
+            (Backend::Gpu { or_cpu: true, .. }, LearnError::Gpu(error)) => {
+                *backend = Backend::Cpu;
+                let generation = self.generation;
+                Ok(format!(
+                    "{error}; going on with the CPU from generation {generation}"
+                ))
+            }
+            (_, error) => Err(error),
+        }
+    }
+
+    /// The problem as it is for the islands that are left.
+    pub fn left(&self, problem: &Problem) -> Problem {
+        let islands = self.islands.len() / problem.sets.len().max(1);
+        Problem {
+            islands,
+            ..problem.clone()
+        }
+    }
+
+    /// Ends a round, where one ends here: the best islands of each set go on. Whether there are fewer now.
+    fn cull(&mut self, problem: &Problem) -> bool {
+        let kept = problem.islands.div_ceil(4);
+        if !ROUNDS.contains(&self.generation) || kept == problem.islands {
+            return false;
+        }
+        let mut left = Vec::with_capacity(kept * problem.sets.len());
+        for set in self.islands.chunks_mut(problem.islands) {
+            set.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
+            left.extend(set.iter().take(kept).cloned());
+        }
+        self.islands = left;
+        true
+    }
+
     fn advance(
         &mut self,
         problem: &Problem,
@@ -177,6 +226,7 @@ impl Search {
         to: u32,
         stop: &AtomicBool,
     ) -> Result<(), LearnError> {
+        let from = self.generation;
         match backend {
             Backend::Cpu => {
                 self.generation =
@@ -188,6 +238,9 @@ impl Search {
                 self.generation = reached;
             }
         }
+        let motions: usize = problem.sets.iter().map(Vec::len).sum();
+        self.evaluations +=
+            u64::from(self.generation - from) * (problem.population() * motions) as u64;
         Ok(())
     }
 
@@ -228,7 +281,7 @@ impl Search {
     /// A task that the core refuses.
     pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
         let bounds = problem.settings.bounds(problem.dofs());
-        let islands = self.islands.chunks(problem.islands.max(1));
+        let islands = self.islands.chunks(self.left(problem).islands.max(1));
         let winner = |(set, islands): (&Vec<usize>, &[Island])| {
             let mut winner = Winner {
                 parameters: Vec::new(),
@@ -422,6 +475,31 @@ mod tests {
         problem.seed = 6;
         run(&mut c, &problem, 8);
         assert_ne!(a.islands, c.islands);
+    }
+
+    #[test]
+    fn rounds_leave_the_best_islands_and_never_lose_the_best() {
+        let problem = Problem {
+            islands: 5,
+            ..problem()
+        };
+        let mut search = Search::new(&problem);
+        run(&mut search, &problem, 127);
+        let least = |islands: &[Island]| {
+            islands
+                .iter()
+                .map(|island| island.best_score)
+                .fold(f32::INFINITY, f32::min)
+        };
+        let before: Vec<f32> = search.islands.chunks(5).map(least).collect();
+        run(&mut search, &problem, 160);
+        assert_eq!(search.islands.len(), 2 * 2);
+        for (set, before) in search.islands.chunks(2).zip(before) {
+            assert!(least(set) <= before);
+        }
+        run(&mut search, &problem, 520);
+        assert_eq!(search.islands.len(), 2);
+        assert_eq!(search.evaluations, 64 * 2 * (128 * 5 + 384 * 2 + 8));
     }
 
     #[test]

@@ -9,16 +9,19 @@
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`learn`]: the search from beginning to end
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
+//! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
 pub mod chain;
 pub mod cpu;
 pub mod csv;
+pub mod export;
 pub mod gpu;
 pub mod kernel;
 pub mod lanes;
 pub mod learn;
 pub mod motion;
 pub mod output;
+pub mod play;
 pub mod problem;
 pub mod recordings;
 pub mod sample;

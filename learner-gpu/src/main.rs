@@ -22,6 +22,8 @@ enum Command {
     Learn(command::learn::Arguments),
     Evaluate(command::evaluate::Arguments),
     Synthesize(command::synthesize::Arguments),
+    Export(command::export::Arguments),
+    Play(command::play::Arguments),
     Devices(command::devices::Arguments),
 }
 
@@ -35,6 +37,8 @@ fn main() -> ExitCode {
         Command::Learn(arguments) => command::learn::run(&arguments),
         Command::Evaluate(arguments) => command::evaluate::run(&arguments),
         Command::Synthesize(arguments) => command::synthesize::run(&arguments),
+        Command::Export(arguments) => command::export::run(&arguments),
+        Command::Play(arguments) => command::play::run(&arguments),
         Command::Devices(arguments) => command::devices::run(&arguments),
     };
     match outcome {

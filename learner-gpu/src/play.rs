@@ -1,18 +1,22 @@
 //! Plays a reach on the arm controller over its line: a serial device, or a TCP port (QEMU's UART).
 
-use std::fs::OpenOptions;
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use sinew_protocol::{
-    Envelope, MOST_FRAME, Mode, Receiver, Refusal, Reply, Report, Request, encode,
+    DOFS, Envelope, Faults, MOST_FRAME, Mode, Receiver, Refusal, Reply, Report, Request, encode,
 };
 
 /// How long a reply may take: a flash sector takes two seconds to erase.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// From one report to the next.
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// How long a motion may take.
 const LONGEST: Duration = Duration::from_secs(60);
@@ -49,17 +53,18 @@ pub struct Port {
 }
 
 impl Port {
-    /// Opens `PATH`, a serial device that is set up already (`stty -F PATH 115200 raw -echo`), or `HOST:PORT`.
+    /// Opens `PATH`, a serial device, or `HOST:PORT`.
     ///
     /// # Errors
-    /// What the system says.
-    pub fn open(name: &str) -> Result<Self, PlayError> {
+    /// What the system says: nothing there, nobody listening, no serial device.
+    pub fn open(name: &str) -> io::Result<Self> {
         if name.contains(':') && !name.starts_with('/') {
-            let stream = TcpStream::connect(name)?;
+            let stream = connect(name)?;
             stream.set_nodelay(true)?;
             return Ok(Self::new(stream.try_clone()?, stream));
         }
         let device = OpenOptions::new().read(true).write(true).open(name)?;
+        set_up(&device)?;
         Ok(Self::new(device.try_clone()?, device))
     }
 
@@ -136,33 +141,121 @@ impl Port {
         }
     }
 
-    /// Loads what is given, goes to `target` (metres) and tells `each` report until the arm is at rest: the last one.
+    /// A request that is only possible at rest: asked again while the arm brakes.
+    fn at_rest(&mut self, request: &Request) -> Result<Reply, PlayError> {
+        let began = Instant::now();
+        loop {
+            match self.ask(request) {
+                Err(PlayError::Refused(Refusal::Moving)) if began.elapsed() < PATIENCE => {
+                    thread::sleep(PAUSE);
+                }
+                outcome => return outcome,
+            }
+        }
+    }
+
+    /// Loads chain and synergy where they are given, goes to `target` (metres) and tells `each` report until the arm is
+    /// at rest: the last one. The controller's limits stay as they are.
     ///
     /// # Errors
     /// As [`Port::ask`]; or an arm that does not come to rest.
     pub fn play(
         &mut self,
-        load: &sinew_protocol::Settings,
+        load: Option<&sinew_protocol::Settings>,
         target: [f32; 3],
         mut each: impl FnMut(&Report),
     ) -> Result<Report, PlayError> {
         self.ask(&Request::Hold)?;
-        let began = Instant::now();
-        if let Some(chain) = &load.chain {
-            self.ask(&Request::LoadChain(chain.clone()))?;
+        if let Some(chain) = load.and_then(|load| load.chain.clone()) {
+            self.at_rest(&Request::LoadChain(chain))?;
         }
-        if let Some(synergy) = &load.synergy {
-            self.ask(&Request::LoadSynergy(synergy.clone()))?;
+        if let Some(synergy) = load.and_then(|load| load.synergy.clone()) {
+            self.at_rest(&Request::LoadSynergy(synergy))?;
         }
+        // Faults from before are not this motion's.
+        self.report()?;
         self.ask(&Request::GoTo(target))?;
+        let began = Instant::now();
         while began.elapsed() < LONGEST {
             let report = self.report()?;
             each(&report);
             if report.mode != Mode::Moving {
                 return Ok(report);
             }
-            thread::sleep(Duration::from_millis(20));
+            thread::sleep(PAUSE);
         }
         Err(PlayError::Endless)
     }
+}
+
+/// To the first address of `HOST:PORT` that answers.
+fn connect(name: &str) -> io::Result<TcpStream> {
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "no such host");
+    for address in name.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, PATIENCE) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+/// Bytes as they are, at the firmware's 115,200 baud.
+#[cfg(unix)]
+fn set_up(device: &File) -> io::Result<()> {
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+    let mut line = tcgetattr(device)?;
+    line.make_raw();
+    line.set_speed(115_200)?;
+    Ok(tcsetattr(device, OptionalActions::Flush, &line)?)
+}
+
+/// As the system has set it up (`mode COM3 BAUD=115200`).
+#[cfg(not(unix))]
+fn set_up(_: &File) -> io::Result<()> {
+    Ok(())
+}
+
+/// The names of faults, with commas between.
+pub fn faults(faults: Faults) -> String {
+    let names = [
+        (Faults::SILENT, "the line was silent"),
+        (Faults::SHORT, "the hand is short of its target"),
+        (Faults::OVERRUN, "a tick overran"),
+        (Faults::STORAGE, "stored settings were not valid"),
+    ];
+    let names = names
+        .into_iter()
+        .filter_map(|(fault, name)| faults.has(fault).then_some(name));
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// Telemetry as CSV: ticks since the motion began, the mode, the angles (rad), the tip and its distance to the target
+/// (m), what the last tick took and the most since the line before (the controller's clock), faults as a set of bits.
+pub fn csv(reports: &[Report]) -> String {
+    let mut text = String::from("ticks,mode,");
+    for i in 1..=DOFS {
+        let _ = write!(text, "q{i},");
+    }
+    text.push_str("x,y,z,distance,cost,worst_cost,faults\n");
+    for report in reports {
+        let mode = match report.mode {
+            Mode::Holding => "holding",
+            Mode::Moving => "moving",
+            Mode::Stopped => "stopped",
+        };
+        let _ = write!(text, "{},{mode}", report.ticks);
+        for x in report.angles.iter().chain(&report.tip) {
+            let _ = write!(text, ",{x}");
+        }
+        let Report {
+            distance,
+            cost,
+            worst_cost,
+            faults: Faults(bits),
+            ..
+        } = report;
+        let _ = writeln!(text, ",{distance},{cost},{worst_cost},{bits}");
+    }
+    text
 }

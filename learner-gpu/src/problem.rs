@@ -137,7 +137,7 @@ pub struct Problem {
     pub tasks: Vec<Task>,
     /// For each parameter vector, the motions (indices) that it is learned from; its score is their mean.
     pub sets: Vec<Vec<usize>>,
-    /// Islands of [`ISLAND`] members for each set.
+    /// Islands of [`ISLAND`] members for each set, as the search begins.
     pub islands: usize,
     /// Of the random numbers.
     pub seed: u64,

@@ -1,6 +1,7 @@
 //! Requests and replies. Angles are radians, lengths metres, times seconds unless a name says otherwise.
 
-use heapless::Vec;
+/// The vector that messages hold, for who writes one out.
+pub use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 /// Degrees of freedom (DoFs) of the arm: fixed, so that every buffer is.

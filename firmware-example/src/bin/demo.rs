@@ -9,14 +9,12 @@ use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprint, hprintln};
 use sinew_firmware::board::Board;
 use sinew_firmware::board::qemu::{Qemu, RamFlash};
+use sinew_firmware::learned::{SETTINGS, START, TARGET};
 use sinew_firmware::node::Node;
 use sinew_firmware::run::turn;
 use sinew_protocol::{
-    Envelope, MOST_FRAME, Mode, Model, Receiver, Reply, Report, Request, Stepper, Synergy, encode,
+    Envelope, MOST_FRAME, Mode, Receiver, Reply, Report, Request, Settings, encode,
 };
-
-/// A target in front of the shoulder, metres.
-const TARGET: [f32; 3] = [-0.10, 0.42, -0.05];
 
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
@@ -54,6 +52,16 @@ impl Bench {
     }
 }
 
+/// A request that must not be refused.
+fn done(bench: &mut Bench, node: &mut Node<RamFlash>, request: Request) -> Option<()> {
+    let reply = bench.ask(node, request)?;
+    if reply != Reply::Done {
+        hprintln!("refused: {:?}", reply);
+        return None;
+    }
+    Some(())
+}
+
 fn millimetres(metres: f32) -> i32 {
     (metres * 1000.0) as i32
 }
@@ -82,20 +90,19 @@ fn reach() -> Option<()> {
     let (mut board, store) = Qemu::start()?;
     let mut node = Node::new(store).ok()?;
     let mut bench = Bench::default();
-    let parameters = [1.0, 0.6, 0.5, 1.4, 0.3, 0.4, 0.3, 4.0, 9.0];
-    let synergy = Synergy {
-        stepper: Stepper::Damped,
-        rate: 10.0,
-        model: Model::C,
-        parameters: parameters.into_iter().collect(),
+    let Settings {
+        chain: Some(chain),
+        synergy: Some(synergy),
+        ..
+    } = SETTINGS
+    else {
+        return None;
     };
-    for request in [Request::LoadSynergy(synergy), Request::GoTo(TARGET)] {
-        let reply = bench.ask(&mut node, request)?;
-        if reply != Reply::Done {
-            hprintln!("refused: {:?}", reply);
-            return None;
-        }
+    for request in [Request::LoadChain(chain), Request::LoadSynergy(synergy)] {
+        done(&mut bench, &mut node, request)?;
     }
+    node.put(START);
+    done(&mut bench, &mut node, Request::GoTo(TARGET))?;
     let [x, y, z] = TARGET.map(millimetres);
     hprintln!("a Cortex-M4F takes the hand to {} {} {} mm", x, y, z);
     let mut ticks = 0u32;

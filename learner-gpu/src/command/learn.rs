@@ -39,8 +39,8 @@ pub struct Arguments {
     /// Learn one parameter vector for all recordings together instead of one for each
     #[arg(long)]
     joint: bool,
-    /// Members for each parameter vector; taken up to a multiple of 64
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    /// Members for each parameter vector to begin with, taken up to a multiple of 64; the best go on
+    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     population: u32,
     /// The most generations; it stops sooner once the population has settled
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -121,8 +121,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
                 checkpoint.path().display()
             );
             if let Backend::Gpu { device, .. } = &mut backend {
-                **device =
-                    Gpu::new(&problem, &search.islands, gpu::Which::Best).map_err(Failure::run)?;
+                device
+                    .replace(&search.left(&problem), &search.islands)
+                    .map_err(Failure::run)?;
             }
             search
         }
@@ -305,9 +306,7 @@ fn synergies(
         seed: problem.seed,
         population: problem.population(),
         generations: search.generation,
-        evaluations: u64::from(search.generation)
-            * problem.population() as u64
-            * problem.tasks.len() as u64,
+        evaluations: search.evaluations,
         backend: backend.to_owned(),
         device,
         seconds: search.seconds,
@@ -336,7 +335,7 @@ fn report(synergies: &Synergies, ended: Ended) -> String {
         _ => "all generations ran",
     };
     format!(
-        "{}{} generations of {} members, {} motions synthesised in {:.1} s on {} ({why})\n",
+        "{}{} generations, {} members to begin with, {} motions synthesised in {:.1} s on {} ({why})\n",
         table(&rows),
         synergies.generations,
         synergies.population,

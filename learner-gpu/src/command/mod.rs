@@ -2,12 +2,18 @@
 
 pub mod devices;
 pub mod evaluate;
+pub mod export;
 pub mod learn;
+pub mod play;
 pub mod synthesize;
 
 use std::fmt;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
+
+use sinew_learn::motion::Point;
+use sinew_learn::synergies::{LearnedMotion, Synergies};
 
 /// Why a command did not do what it was asked.
 pub enum Failure {
@@ -73,4 +79,52 @@ pub fn table(rows: &[Vec<String>]) -> String {
         text.push('\n');
     }
     text
+}
+
+/// Three finite numbers with commas between.
+pub fn point(text: &str) -> Result<Point, String> {
+    let parts: Vec<&str> = text.split(',').collect();
+    let [x, y, z] = parts.as_slice() else {
+        return Err(format!(
+            "expected three numbers X,Y,Z, found {}",
+            parts.len()
+        ));
+    };
+    let number = |part: &str| match part.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("expected a number of metres, found {part:?}")),
+    };
+    Ok([number(x)?, number(y)?, number(z)?])
+}
+
+/// The learned motion to take the synergy from, of those in `file`: the one of that name, else the one whose target is
+/// nearest, else the first.
+pub fn choose<'a>(
+    synergies: &'a Synergies,
+    file: &Path,
+    name: Option<&str>,
+    target: Option<Point>,
+) -> Result<&'a LearnedMotion, Failure> {
+    let motions = &synergies.motions;
+    let apart = |motion: &LearnedMotion, target: Point| {
+        (0..3)
+            .map(|r| (motion.target[r] - target[r]).powi(2))
+            .sum::<f64>()
+    };
+    let chosen = match (name, target) {
+        (Some(name), _) => motions.iter().find(|motion| {
+            let stem = Path::new(&motion.file).file_stem();
+            motion.file == name || stem.is_some_and(|stem| stem.to_str() == Some(name))
+        }),
+        (None, Some(target)) => motions
+            .iter()
+            .min_by(|a, b| apart(a, target).total_cmp(&apart(b, target))),
+        (None, None) => motions.first(),
+    };
+    chosen.ok_or_else(|| {
+        Failure::Input(match name {
+            Some(name) => format!("{}: no motion {name:?} in it", file.display()),
+            None => format!("{}: no motion in it", file.display()),
+        })
+    })
 }

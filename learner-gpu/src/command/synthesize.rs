@@ -1,13 +1,13 @@
 //! `sinew synthesize`: a motion to a new target.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use sinew_learn::output;
-use sinew_learn::synergies::{LearnedMotion, Synergies};
+use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::{Synthesis, synthesize};
 
-use super::{Failure, print};
+use super::{Failure, choose, print};
 
 /// Synthesise a reach to a new target with learned synergies, and write it as CSV
 ///
@@ -19,7 +19,7 @@ pub struct Arguments {
     #[arg(value_name = "SYNERGIES.json")]
     file: PathBuf,
     /// Where the hand is to go, metres from the shoulder (the base frame)
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, allow_hyphen_values = true)]
     target: [f64; 3],
     /// Where to write the motion
     #[arg(long, value_name = "FILE")]
@@ -32,26 +32,15 @@ pub struct Arguments {
     seconds: Option<f64>,
 }
 
-/// Three finite numbers with commas between.
-fn point(text: &str) -> Result<[f64; 3], String> {
-    let parts: Vec<&str> = text.split(',').collect();
-    let [x, y, z] = parts.as_slice() else {
-        return Err(format!(
-            "expected three numbers X,Y,Z, found {}",
-            parts.len()
-        ));
-    };
-    let number = |part: &str| match part.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("expected a number of metres, found {part:?}")),
-    };
-    Ok([number(x)?, number(y)?, number(z)?])
-}
-
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
-    let motion = choose(&synergies, arguments)?;
+    let motion = choose(
+        &synergies,
+        &arguments.file,
+        arguments.motion.as_deref(),
+        Some(arguments.target),
+    )?;
     if let Some(seconds) = arguments.seconds
         && !(seconds > 0.0 && seconds <= 3600.0)
     {
@@ -77,33 +66,4 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         left * 100.0
     ))?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// The learned motion to take the synergy from.
-fn choose<'a>(
-    synergies: &'a Synergies,
-    arguments: &Arguments,
-) -> Result<&'a LearnedMotion, Failure> {
-    let chosen = match &arguments.motion {
-        Some(name) => synergies.motions.iter().find(|motion| {
-            motion.file == *name
-                || Path::new(&motion.file)
-                    .file_stem()
-                    .is_some_and(|stem| stem.to_str() == Some(name))
-        }),
-        None => synergies.motions.iter().min_by(|a, b| {
-            let apart = |motion: &LearnedMotion| {
-                (0..3)
-                    .map(|r| (motion.target[r] - arguments.target[r]).powi(2))
-                    .sum::<f64>()
-            };
-            apart(a).total_cmp(&apart(b))
-        }),
-    };
-    chosen.ok_or_else(|| {
-        Failure::Input(match &arguments.motion {
-            Some(name) => format!("{}: no motion {name:?} in it", arguments.file.display()),
-            None => format!("{}: no motion in it", arguments.file.display()),
-        })
-    })
 }

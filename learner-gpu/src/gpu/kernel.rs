@@ -52,7 +52,11 @@ impl Kernel {
     ///
     /// # Errors
     /// The device refuses it.
-    pub fn new(device: &Device, structure: &Structure, problem: &Problem) -> Result<Self, GpuError> {
+    pub fn new(
+        device: &Device,
+        structure: &Structure,
+        problem: &Problem,
+    ) -> Result<Self, GpuError> {
         let source = compose(structure)?.source;
         let module = device.device.create_shader_module(ShaderModuleDescriptor {
             label: Some("kernel"),
@@ -60,20 +64,24 @@ impl Kernel {
         });
         device.check()?;
         let layout = layout(device);
-        let pipelines = device.device.create_pipeline_layout(&PipelineLayoutDescriptor {
-            label: Some("kernel"),
-            bind_group_layouts: &[Some(&layout)],
-            ..PipelineLayoutDescriptor::default()
-        });
+        let pipelines = device
+            .device
+            .create_pipeline_layout(&PipelineLayoutDescriptor {
+                label: Some("kernel"),
+                bind_group_layouts: &[Some(&layout)],
+                ..PipelineLayoutDescriptor::default()
+            });
         let [attempt, settle, score] = ["attempt", "settle", "score_members"].map(|entry| {
-            device.device.create_compute_pipeline(&ComputePipelineDescriptor {
-                label: Some(entry),
-                layout: Some(&pipelines),
-                module: &module,
-                entry_point: Some(entry),
-                compilation_options: PipelineCompilationOptions::default(),
-                cache: None,
-            })
+            device
+                .device
+                .create_compute_pipeline(&ComputePipelineDescriptor {
+                    label: Some(entry),
+                    layout: Some(&pipelines),
+                    module: &module,
+                    entry_point: Some(entry),
+                    compilation_options: PipelineCompilationOptions::default(),
+                    cache: None,
+                })
         });
         device.check()?;
         let dt = problem.settings.dt() as f32;
@@ -85,7 +93,11 @@ impl Kernel {
             seed: problem.seed,
             gain: problem.settings.lambda as f32 * dt,
             dt,
-            columns: device.device.limits().max_compute_workgroups_per_dimension.max(1),
+            columns: device
+                .device
+                .limits()
+                .max_compute_workgroups_per_dimension
+                .max(1),
         })
     }
 
@@ -122,7 +134,9 @@ impl Kernel {
         }
         device.write(&group.run, &runs);
 
-        let mut encoder = device.device.create_command_encoder(&CommandEncoderDescriptor::default());
+        let mut encoder = device
+            .device
+            .create_command_encoder(&CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
             for turn in 0..generations.len() as u32 {
@@ -158,8 +172,10 @@ fn layout(device: &Device) -> BindGroupLayout {
         },
         count: None,
     };
-    device.device.create_bind_group_layout(&BindGroupLayoutDescriptor {
-        label: Some("group"),
-        entries: &(0..8).map(entry).collect::<Vec<_>>(),
-    })
+    device
+        .device
+        .create_bind_group_layout(&BindGroupLayoutDescriptor {
+            label: Some("group"),
+            entries: &(0..8).map(entry).collect::<Vec<_>>(),
+        })
 }

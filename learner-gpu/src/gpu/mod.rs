@@ -24,12 +24,12 @@ use std::time::{Duration, Instant};
 pub use adapter::{Adapter, AdapterKind, Which, adapters};
 pub use error::GpuError;
 
+use self::kernel::{Kernel, MOST_GENERATIONS, Step};
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 use device::Device;
 use group::Group;
-use self::kernel::{Kernel, MOST_GENERATIONS, Step};
 use motions::Motions;
 use pace::Pace;
 
@@ -39,6 +39,8 @@ pub struct Gpu {
     kernel: Kernel,
     groups: Vec<Group>,
     genes: usize,
+    /// No buffer is larger, bytes.
+    limit: u64,
     pace: Pace,
     preparation: Duration,
 }
@@ -70,25 +72,53 @@ impl Gpu {
 
         let began = Instant::now();
         let kernel = Kernel::new(&device, &motions.structure, problem)?;
-        let groups = Group::all(&device, &kernel.layout, problem, &motions, islands, limit)?;
         let mut gpu = Gpu {
             device,
             kernel,
-            groups,
+            groups: Vec::new(),
             genes: problem.genes(),
+            limit,
             pace: Pace::new(),
             preparation: Duration::ZERO,
         };
-        for group in &gpu.groups {
-            // Nothing was tried yet, so this only sums up.
-            gpu.run(group, 0..group.islands.len(), 0..1, &[Step::Settle])?;
-        }
+        gpu.fill(problem, &motions, islands)?;
         if let Some(group) = gpu.groups.first() {
             // Drivers compile at the first dispatch: an attempt that is never settled gets that over with.
             gpu.run(group, 0..1, 0..1, &[Step::Attempt])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
+    }
+
+    /// Puts other islands of the same problem on the device: those that a round of the search leaves, or those of a
+    /// search that goes on. `problem` says how many there are of each set.
+    ///
+    /// # Errors
+    /// See [`new`](Self::new).
+    pub fn replace(&mut self, problem: &Problem, islands: &[Island]) -> Result<(), GpuError> {
+        check_population(problem, islands)?;
+        self.fill(problem, &Motions::new(problem)?, islands)
+    }
+
+    fn fill(
+        &mut self,
+        problem: &Problem,
+        motions: &Motions,
+        islands: &[Island],
+    ) -> Result<(), GpuError> {
+        self.groups = Group::all(
+            &self.device,
+            &self.kernel.layout,
+            problem,
+            motions,
+            islands,
+            self.limit,
+        )?;
+        for group in &self.groups {
+            // Nothing was tried yet, so this only sums up.
+            self.run(group, 0..group.islands.len(), 0..1, &[Step::Settle])?;
+        }
+        Ok(())
     }
 
     /// What it runs on.

@@ -6,6 +6,7 @@ use sinew::target::Position;
 
 use super::error::GpuError;
 use crate::kernel::compose::{Method, Structure};
+use crate::motion::Point;
 use crate::problem::{Problem, with_dofs};
 use crate::task::{Task, TaskError};
 
@@ -21,7 +22,7 @@ pub(super) struct Motions {
 pub(super) struct Motion {
     /// Its row of numbers.
     pub numbers: Vec<u32>,
-    /// Its recorded points, x, y, z, frame after frame.
+    /// Its recorded frames, as the kernel has them.
     pub recorded: Vec<u32>,
     /// How many frames that are.
     pub frames: u32,
@@ -97,14 +98,17 @@ impl Motion {
             &initial.map(|angle| angle as f32),
             target.coordinates(),
         );
+        let frame = |points: &Vec<Point>| {
+            let points: Vec<_> = points.iter().map(|point| point.map(|x| x as f32)).collect();
+            structure.frame(&points)
+        };
         Ok(Motion {
             numbers: numbers.into_iter().map(f32::to_bits).collect(),
             recorded: task
                 .reference
                 .iter()
-                .flatten()
-                .flatten()
-                .map(|&x| (x as f32).to_bits())
+                .flat_map(frame)
+                .map(f32::to_bits)
                 .collect(),
             frames: task.reference.len() as u32,
         })

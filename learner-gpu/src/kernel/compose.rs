@@ -39,6 +39,8 @@ pub struct Structure {
     landmarks: Vec<usize>,
     /// Landmarks and the tip.
     points: usize,
+    /// Fours of numbers that they take.
+    fours: usize,
     /// Whether ticks keep within the joint limits.
     clamped: bool,
     /// The bounds of each parameter, as WGSL.
@@ -222,6 +224,7 @@ impl Structure {
             links: chain.links().iter().enumerate().map(link).collect(),
             tip: components(&chain.tip_transform().1),
             points: landmarks.len() + 1,
+            fours: (3 * (landmarks.len() + 1)).div_ceil(4),
             landmarks,
             clamped: method.clamped,
             bounds: (0..genes).map(bound).collect(),
@@ -305,6 +308,13 @@ impl Structure {
     /// How many points a frame has: landmarks and the tip.
     pub fn points(&self) -> usize {
         self.points
+    }
+
+    /// A recorded frame as the buffer `recorded` has it: whole fours.
+    pub fn frame(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        let mut frame: Vec<f32> = points.iter().flatten().copied().collect();
+        frame.resize(4 * self.fours, 0.0);
+        frame
     }
 
     /// How many parameters a member has.

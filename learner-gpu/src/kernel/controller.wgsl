@@ -9,10 +9,9 @@ fn start(arm: Arm) -> Joints {
     );
 }
 
-/// The joint vector one period later.
-fn tick(arm: Arm, parameters: Parameters, q: Joints, at: Kinematics, count: u32) -> Joints {
-    let error = arm.target_at - at.tip;
-    let step = apply(parameters, optimise(columns(at), error, run.gain), f32(count) * run.dt);
+/// The joint vector one period later, by a step of inverse kinematics.
+fn tick(arm: Arm, parameters: Parameters, q: Joints, optimised: Joints, count: u32) -> Joints {
+    let step = apply(parameters, optimised, f32(count) * run.dt);
     return Joints(
         // A step that is no number moves nothing.
         //% for i in range(dofs)

@@ -54,7 +54,7 @@ fn forward(arm: Arm, q: Joints) -> Kinematics {
         //% for k in link.shift
         ${"+ " if not loop.first else ""}axes[${k}] * arm.shift_${i}_${k}
         //% endfor
-    );
+    )${" * run.one" if (link.shift | length) > 1 else ""};
     //% endif
     //% if link.turn
     axes = array<vec3f, 3>(
@@ -83,7 +83,7 @@ fn forward(arm: Arm, q: Joints) -> Kinematics {
         //% for k in tip
         ${"+ " if not loop.first else ""}axes[${k}] * arm.tip_${k}
         //% endfor
-    );
+    )${" * run.one" if (tip | length) > 1 else ""};
     //% endif
     out.tip = at * run.one;
     return out;

@@ -36,11 +36,11 @@ struct SinCos {
 fn sin_cos_within(x: f32) -> SinCos {
     let k = round(x * 0.6366197723675814);
     let r1 = x - k * 1.5703125;
-    let r2 = r1 - (k * run.one) * 4.837512969970703e-4;
+    let r2 = r1 - k * 4.837512969970703e-4;
     let r = r2 - k * 7.549789948768648e-8;
     let rr = r * r;
     let s = ((-1.9515295891e-4 * rr + 8.3321608736e-3) * rr + -1.6666654611e-1) * rr * r + r;
-    let c = ((2.443315711809948e-5 * rr + -1.388731625493765e-3) * rr + 4.166664568298827e-2) * rr * rr - 0.5 * (rr * run.one) + 1.0;
+    let c = (((2.443315711809948e-5 * rr + -1.388731625493765e-3) * rr + 4.166664568298827e-2) * rr * rr - 0.5 * rr) * run.one + 1.0;
     let quarter = bitcast<u32>(k + SHIFTER);
     let odd = (quarter & 1u) != 0u;
     let half = (quarter & 2u) != 0u;
@@ -56,12 +56,12 @@ fn exponential(x: f32) -> f32 {
     let y = within(x, -87.0, 88.0);
     let k = round(y * 1.4426950408889634);
     let r1 = y - k * 0.693359375;
-    let r = r1 - (k * run.one) * -2.1219444e-4;
+    let r = r1 - k * -2.1219444e-4;
     var p = 1.98756915e-4 * r + 1.3981999507e-3;
     p = p * r + 8.3334519073e-3;
     p = p * r + 4.1665795894e-2;
     p = p * r + 1.6666665459e-1;
     p = p * r + 5.0000001201e-1;
     let power = bitcast<f32>((bitcast<u32>(k + SHIFTER) + 127u) << 23u);
-    return (p * (r * r) + r + 1.0) * power;
+    return (p * (r * r) + r + run.one) * power;
 }

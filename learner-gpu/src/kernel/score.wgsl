@@ -17,11 +17,34 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
     let arm = arm_of(motion.numbers);
     var q = start(arm);
     var sum = 0.0;
-    for (var frame = 0u; frame < motion.frames; frame++) {
+    var frame = 0u;
+    // The tick after the last frame is for nothing, but a branch around it would cost more.
+    //% if stepper == "pseudo_inverse"
+    // lavapipe jumps over nothing but what is left of a loop: with singular values behind an `if` every tick pays for
+    // them. So an inner loop runs until a tick needs them, and they are computed once for all threads that wait there.
+    while frame < motion.frames {
+        var easy = true;
+        while easy & (frame < motion.frames) {
+            let at = forward(arm, q);
+            sum = sum + posture_distance(at, motion.first_frame + frame);
+            let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
+            easy = optimised.easy | (frame + 1u == motion.frames);
+            if easy {
+                q = tick(arm, parameters, q, optimised.step, frame);
+                frame++;
+            }
+        }
+        let at = forward(arm, q);
+        q = tick(arm, parameters, q, optimise_hard(columns(at), arm.target_at - at.tip, run.gain), frame);
+        frame++;
+    }
+    //% else
+    while frame < motion.frames {
         let at = forward(arm, q);
         sum = sum + posture_distance(at, motion.first_frame + frame);
-        // The tick after the last frame is for nothing, but a branch around it would cost more.
-        q = tick(arm, parameters, q, at, frame);
+        q = tick(arm, parameters, q, optimise(columns(at), arm.target_at - at.tip, run.gain), frame);
+        frame++;
     }
+    //% endif
     return sum / f32(max(motion.frames, 1u));
 }

@@ -1,0 +1,388 @@
+//! What the arm controller is given: the firmware's own code reads it, and moves by it as the host does. `sinew play`
+//! talks to that code over TCP here; `firmware-example/test` has it on a microcontroller.
+
+use std::convert::Infallible;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use sinew::controller::{Controller, Limits};
+use sinew::target::Position;
+use sinew_firmware::arm::NEAR;
+use sinew_firmware::node::Node;
+use sinew_firmware::store::Store;
+use sinew_firmware::{convert, learned};
+use sinew_learn::export::{Format, export, settings};
+use sinew_learn::kernel::score::Ready;
+use sinew_learn::synergies::Synergies;
+use sinew_learn::task::Task;
+use sinew_protocol::{MOST_FRAME, Settings};
+
+fn firmware() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-example")
+}
+
+/// What the firmware example ships with.
+fn shipped() -> Synergies {
+    Synergies::read(&firmware().join("learned.json")).unwrap()
+}
+
+/// Two pages of flash.
+struct Flash([u8; 2048]);
+
+impl Flash {
+    fn with(record: &[u8]) -> Store<Flash> {
+        let mut bytes = [0xff; 2048];
+        bytes[..record.len()].copy_from_slice(record);
+        Store::new(Flash(bytes), [0, 1024])
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = Infallible;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
+        bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = 1024;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Infallible> {
+        self.0[from as usize..to as usize].fill(0xff);
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
+        self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+/// Every bit of the numbers, which `==` does not tell (0 and −0).
+fn bits(settings: &Settings) -> Vec<u8> {
+    postcard::to_stdvec(settings).unwrap()
+}
+
+#[test]
+fn the_firmwares_constant_is_what_export_writes_and_holds_the_same_bits() {
+    let synergies = shipped();
+    let text = export(&synergies, &synergies.motions[0], Format::Rust).unwrap();
+    let committed = std::fs::read_to_string(firmware().join("src/learned.rs")).unwrap();
+    assert_eq!(String::from_utf8(text).unwrap(), committed);
+    let wanted = settings(&synergies, &synergies.motions[0]).unwrap();
+    assert_eq!(bits(&learned::SETTINGS), bits(&wanted));
+}
+
+#[test]
+fn the_firmware_reads_the_record_from_its_flash() {
+    let synergies = shipped();
+    let motion = &synergies.motions[0];
+    let record = export(&synergies, motion, Format::Postcard).unwrap();
+    let wanted = settings(&synergies, motion).unwrap();
+    let found = Flash::with(&record).load().unwrap();
+    assert_eq!(bits(&found), bits(&wanted));
+    let node = Node::new(Flash::with(&record)).unwrap();
+    let host = synergies.chain_of(motion).build::<7>().unwrap();
+    assert_eq!(*node.arm().chain(), host.cast());
+    for bit in 0..8 * record.len() {
+        let mut damaged = record.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert!(Flash::with(&damaged).load().is_none(), "bit {bit}");
+    }
+}
+
+#[test]
+fn json_holds_the_same_bits() {
+    let synergies = shipped();
+    let text = export(&synergies, &synergies.motions[0], Format::Json).unwrap();
+    let found: Settings = serde_json::from_slice(&text).unwrap();
+    let wanted = settings(&synergies, &synergies.motions[0]).unwrap();
+    assert_eq!(bits(&found), bits(&wanted));
+}
+
+#[test]
+fn the_firmwares_constant_moves_bit_for_bit_as_the_host_does_in_f32() {
+    const FRAMES: usize = 1001;
+    let synergies = shipped();
+    let motion = &synergies.motions[0];
+    let task = Task {
+        name: motion.file.clone(),
+        chain: synergies.chain_of(motion).clone(),
+        initial: motion.initial_posture.clone(),
+        target: motion.target,
+        reference: Vec::new(),
+        misfit: 0.0,
+    };
+    let parameters: Vec<f32> = motion.parameters.iter().map(|&x| x as f32).collect();
+    let mut host = Vec::new();
+    Ready::<f32, 7>::new(&task)
+        .unwrap()
+        .synthesise(
+            &synergies.settings(motion),
+            &parameters,
+            FRAMES,
+            |_, _, q| host.push(q.map(f32::to_bits)),
+        )
+        .unwrap();
+
+    let chain = convert::chain(&learned::SETTINGS.chain.unwrap()).unwrap();
+    let style = convert::style(&learned::SETTINGS.synergy.unwrap()).unwrap();
+    let period = (1.0 / synergies.rate_hz) as f32;
+    let controller = Controller::new(
+        &chain,
+        style.stepper,
+        style.synergy,
+        style.rate,
+        period,
+        Limits::Clamped,
+    )
+    .unwrap();
+    let target = Position::new(learned::TARGET).unwrap();
+    let mut state = controller.start(learned::START);
+    for (tick, there) in host.iter().enumerate() {
+        assert_eq!(state.angles().map(f32::to_bits), *there, "tick {tick}");
+        controller.tick(&mut state, &target);
+    }
+    let tip = chain.forward(state.angles()).tip();
+    assert!((0..3).all(|r| (tip[r] - learned::TARGET[r]).abs() < NEAR));
+}
+
+fn sinew(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sinew"));
+    command.args(arguments).output().unwrap()
+}
+
+/// Exit code and words of the message.
+fn ends(output: &Output, code: i32, words: &[&str]) {
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{message}");
+    for word in words {
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+#[test]
+fn the_program_writes_what_the_library_exports() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("record");
+    let (file, synergies) = (firmware().join("learned.json"), shipped());
+    let file = file.to_str().unwrap();
+    for (name, format) in [
+        ("rust", Format::Rust),
+        ("postcard", Format::Postcard),
+        ("json", Format::Json),
+    ] {
+        let wanted = export(&synergies, &synergies.motions[0], format).unwrap();
+        let output = sinew(&["export", file, "--format", name, "--motion", "reach_05"]);
+        ends(&output, 0, &["reach_05.csv"]);
+        assert_eq!(output.stdout, wanted);
+        let there = out.to_str().unwrap();
+        ends(
+            &sinew(&["export", file, "--format", name, "--out", there]),
+            0,
+            &[],
+        );
+        assert_eq!(std::fs::read(&out).unwrap(), wanted);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let changed = |name: &str, change: &dyn Fn(&mut Synergies)| {
+        let mut synergies = shipped();
+        change(&mut synergies);
+        let path = folder.path().join(name);
+        synergies.write(&path).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let rust = |file: &str| sinew(&["export", file, "--format", "rust"]);
+    let short = changed("short.json", &|synergies| {
+        synergies.chain.joints.pop();
+        let motion = &mut synergies.motions[0];
+        motion.initial_posture.pop();
+        motion.parameters.remove(0);
+    });
+    ends(&rust(&short), 2, &["short.json", "6 joints", "7"]);
+    let large = changed("large.json", &|synergies| {
+        synergies.motions[0].parameters[2] = 1e300;
+    });
+    ends(&rust(&large), 2, &["large.json", "synergy"]);
+    let empty = changed("empty.json", &|synergies| synergies.motions.clear());
+    ends(&rust(&empty), 2, &["no motion in it"]);
+    ends(&rust("nowhere.json"), 2, &["nowhere.json"]);
+
+    let file = changed("synergies.json", &|_| ());
+    let unknown = sinew(&["export", &file, "--format", "rust", "--motion", "reach_99"]);
+    ends(&unknown, 2, &["reach_99"]);
+    ends(
+        &sinew(&["export", &file, "--format", "elf"]),
+        2,
+        &["postcard"],
+    );
+    let unwritable = folder.path().join("nowhere/blob");
+    let unwritable = unwritable.to_str().unwrap();
+    ends(
+        &sinew(&["export", &file, "--format", "json", "--out", unwritable]),
+        1,
+        &["nowhere"],
+    );
+
+    let play =
+        |port: &str, target: &str| sinew(&["play", &file, "--port", port, "--target", target]);
+    ends(&play("/nowhere", "0,0,0"), 2, &["/nowhere"]);
+    ends(&play(&file, "0,0,0"), 2, &["synergies.json"]);
+    ends(&play("localhost:port", "0,0,0"), 2, &["localhost:port"]);
+    ends(&play("127.0.0.1:1", "0,0,0"), 2, &["127.0.0.1:1"]);
+    ends(&play("127.0.0.1:1", "0,0"), 2, &["three numbers"]);
+    ends(&play("127.0.0.1:1", "0,0,NaN"), 2, &["NaN"]);
+    ends(&play("127.0.0.1:1", "0,0,1e300"), 2, &["f32"]);
+    ends(&play("127.0.0.1:1", "-1e9,0,1e39"), 2, &["f32"]);
+    let alone = [
+        "play", "--motion", "reach_05", "--port", "x:1", "--target", "0,0,0",
+    ];
+    ends(&sinew(&alone), 2, &["SYNERGIES.json"]);
+}
+
+/// The firmware's controller behind a TCP port, in about real time, until dropped.
+struct Controlled {
+    port: String,
+    over: Arc<AtomicBool>,
+    tip: Arc<Mutex<[f32; 3]>>,
+}
+
+impl Controlled {
+    fn start() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().to_string();
+        let over = Arc::new(AtomicBool::new(false));
+        let tip: Arc<Mutex<[f32; 3]>> = Arc::default();
+        let (ended, at) = (Arc::clone(&over), Arc::clone(&tip));
+        thread::spawn(move || {
+            let mut node = Node::new(Flash::with(&[])).unwrap();
+            for line in listener.incoming() {
+                serve(&mut node, &mut line.unwrap(), &ended);
+                *at.lock().unwrap() = node.arm().tip();
+                if ended.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+        });
+        Controlled { port, over, tip }
+    }
+}
+
+impl Drop for Controlled {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        // Wakes the one that waits for a line.
+        let _ = TcpStream::connect(&self.port);
+    }
+}
+
+/// A host's line until it goes.
+fn serve(node: &mut Node<Flash>, line: &mut TcpStream, over: &AtomicBool) {
+    line.set_read_timeout(Some(Duration::from_millis(1)))
+        .unwrap();
+    let (mut bytes, mut reply) = ([0; 64], [0; MOST_FRAME]);
+    while !over.load(Ordering::Relaxed) {
+        // A slow machine may be late: the motion is the same, in fewer reports.
+        for _ in 0..4 {
+            node.tick();
+            node.spent(123, 1000);
+        }
+        match line.read(&mut bytes) {
+            Ok(0) => return,
+            Ok(count) => {
+                for &byte in &bytes[..count] {
+                    if let Some(frame) = node.receive(byte, &mut reply) {
+                        line.write_all(frame).unwrap();
+                    }
+                }
+            }
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => return,
+        }
+    }
+}
+
+/// The columns of telemetry, by name.
+fn column(path: &Path, name: &str) -> Vec<f64> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let at = lines
+        .next()
+        .and_then(|names| names.iter().position(|found| *found == name))
+        .unwrap();
+    lines.map(|cells| cells[at].parse().unwrap()).collect()
+}
+
+#[test]
+fn play_loads_starts_and_records_and_the_hand_ends_at_the_target() {
+    let chip = Controlled::start();
+    let folder = tempfile::tempdir().unwrap();
+    let csv = folder.path().join("telemetry.csv");
+    let file = firmware().join("learned.json");
+    let [x, y, z] = learned::TARGET;
+    let target = format!("{x},{y},{z}");
+    let options = ["--port", &chip.port, "--csv", csv.to_str().unwrap()];
+    let mut arguments = vec!["play", file.to_str().unwrap(), "--target", &target];
+    arguments.extend(options);
+    let output = sinew(&arguments);
+    ends(&output, 0, &["reach_05.csv"]);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("at rest"));
+    let distance = column(&csv, "distance");
+    assert!(distance.len() > 10 && distance[0] > 0.1);
+    assert!(*distance.last().unwrap() < f64::from(NEAR));
+    for (r, name) in ["x", "y", "z"].iter().enumerate() {
+        let last = *column(&csv, name).last().unwrap();
+        assert!((last - f64::from(learned::TARGET[r])).abs() < f64::from(NEAR));
+    }
+    assert!(column(&csv, "cost").iter().all(|&cost| cost == 123.0));
+    assert!(column(&csv, "q4").iter().any(|&q| q > 0.5));
+
+    // Another host, whose numbers begin at 1 again, and a target that is out of reach: it says so, and keeps the record.
+    let mut arguments = vec!["play", "--target", "3,4,0"];
+    arguments.extend(options);
+    let output = sinew(&arguments);
+    ends(&output, 1, &["short of its target"]);
+    let bits = column(&csv, "faults");
+    assert_eq!(*bits.last().unwrap(), 2.0);
+    thread::sleep(Duration::from_millis(200));
+    let tip = *chip.tip.lock().unwrap();
+    assert!(tip.iter().map(|x| x * x).sum::<f32>().sqrt() > 0.6);
+}
+
+#[test]
+fn a_line_that_answers_nothing_is_a_failure() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().to_string();
+    thread::spawn(move || {
+        let mut lines = Vec::new();
+        for line in listener.incoming() {
+            lines.push(line);
+        }
+    });
+    let output = sinew(&["play", "--port", &port, "--target", "0.1,0.2,0.3"]);
+    ends(&output, 1, &["does not answer"]);
+}
