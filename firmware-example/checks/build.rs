@@ -34,8 +34,17 @@ fn main() -> io::Result<()> {
     table += "];\n";
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or(io::ErrorKind::NotFound)?);
     fs::write(out.join("reaches.rs"), table)?;
-    println!("cargo:rustc-link-search={}", root.display());
-    println!("cargo:rerun-if-changed=memory.x");
+    // The firmware brings its board's own map.
+    if env::var_os("CARGO_FEATURE_ARM").is_some() {
+        return Ok(());
+    }
+    let map = match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
+        Ok("riscv32") => "memory/riscv.x",
+        _ => "memory/cortex-m.x",
+    };
+    fs::copy(root.join(map), out.join("memory.x"))?;
+    println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rerun-if-changed={map}");
     Ok(())
 }
 

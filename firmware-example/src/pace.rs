@@ -66,3 +66,42 @@ const FIRM: f32 = 0.95;
 
 /// A target is braked for with this share of the acceleration: the rest is for the way to turn.
 const GENTLE: f32 = 0.5;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 4 rad/s, 40 rad/s²: braking from full speed takes a tenth of a second.
+    fn pace() -> Pace {
+        Pace::new(4.0, 40.0)
+    }
+
+    #[test]
+    fn a_dof_driven_at_its_limit_keeps_to_speed_and_acceleration_and_stops_before_it() {
+        for room in [1e-6, 1e-3, 0.1, 0.7, 1.9] {
+            let (mut left, mut before) = (room, 0.0f32);
+            for _ in 0..2000 {
+                let step = pace().step(1.0, before, 10.0, left);
+                assert!(step.abs() <= 4e-3 && (step - before).abs() <= 40e-6 * 1.001);
+                left -= step;
+                assert!(left >= -1e-6, "{left} left of {room}");
+                before = step;
+            }
+            assert!(left < 1e-3 && before < 40e-6, "{left} left of {room}");
+        }
+    }
+
+    #[test]
+    fn what_is_within_the_limits_is_left_alone() {
+        assert_eq!(pace().step(1e-5, 0.0, 1.0, 1.0), 1e-5);
+        assert_eq!(pace().share(1e-3, 1.0), 1.0);
+        assert_eq!(pace().step(0.0, 0.0, 0.0, 0.0), 0.0);
+    }
+
+    #[test]
+    fn a_share_is_of_the_longest_step() {
+        let share = pace().share(8e-3, 1.0);
+        assert!((share - 0.5).abs() < 1e-6);
+        assert_eq!(pace().share(8e-3, 0.0), 0.0);
+    }
+}

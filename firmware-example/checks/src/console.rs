@@ -1,11 +1,19 @@
 //! Printing and leaving, on a host and in QEMU.
 
+#[cfg(all(target_os = "none", target_arch = "arm"))]
+pub use {cortex_m_rt as start, cortex_m_semihosting as semihosting};
+// For its critical section, which the linker has to find.
+#[cfg(target_arch = "riscv32")]
+use riscv as _;
+#[cfg(target_arch = "riscv32")]
+pub use {riscv_rt as start, riscv_semihosting as semihosting};
+
 /// Prints a line: through semihosting in QEMU.
 #[macro_export]
 macro_rules! say {
     ($($part:tt)*) => {{
         #[cfg(target_os = "none")]
-        cortex_m_semihosting::hprintln!($($part)*);
+        $crate::console::semihosting::hprintln!($($part)*);
         #[cfg(not(target_os = "none"))]
         println!($($part)*);
     }};
@@ -16,7 +24,7 @@ macro_rules! say {
 macro_rules! entry {
     ($run:path) => {
         #[cfg(target_os = "none")]
-        #[cortex_m_rt::entry]
+        #[$crate::console::start::entry]
         fn main() -> ! {
             $crate::console::leave($run())
         }
@@ -42,13 +50,13 @@ macro_rules! entry {
 /// Ends QEMU.
 #[cfg(target_os = "none")]
 pub fn leave(well: bool) -> ! {
-    use cortex_m_semihosting::debug;
+    use semihosting::debug;
     debug::exit(if well {
         debug::EXIT_SUCCESS
     } else {
         debug::EXIT_FAILURE
     });
     loop {
-        cortex_m::asm::wfi();
+        core::hint::spin_loop();
     }
 }

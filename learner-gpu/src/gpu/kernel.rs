@@ -44,7 +44,7 @@ pub(super) struct Kernel {
     gain: f32,
     dt: f32,
     /// Workgroups that fit in a row.
-    columns: u32,
+    pub columns: u32,
 }
 
 impl Kernel {
@@ -128,7 +128,7 @@ impl Kernel {
                 columns,
                 self.gain.to_bits(),
                 self.dt.to_bits(),
-                1.0f32.to_bits(),
+                0,
             ]);
             runs.resize(runs.len().next_multiple_of(RUN_STRIDE as usize / 4), 0);
         }

@@ -18,15 +18,12 @@ struct Run {
     islands: u32,
     /// Workgroups in one row of the dispatch.
     columns: u32,
-    // Numbers that the compiler must not know. A driver may reorder sums and products: it takes constants to the front,
-    // adds the products of a sum last, and makes (p + d) − p into d. That is not less exact, but not the same as on the
-    // CPU; a number it does not know stops it.
     /// λ·dt.
     gain: f32,
     /// The period, seconds.
     dt: f32,
-    /// 1: a factor to put between what must not be reordered.
-    one: f32,
+    /// 0, which the compiler does not know: see `kept`.
+    nothing: u32,
 }
 
 /// Which island of which set an island is, and the set's motions.

@@ -316,11 +316,6 @@ impl Structure {
         frame.resize(4 * self.fours, 0.0);
         frame
     }
-
-    /// How many parameters a member has.
-    pub fn genes(&self) -> usize {
-        self.genes
-    }
 }
 
 /// Both, what either has.

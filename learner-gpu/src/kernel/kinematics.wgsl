@@ -50,11 +50,11 @@ fn forward(arm: Arm, q: Joints) -> Kinematics {
     //% set i = loop.index0
     // DoF ${i}.
     //% if link.shift
-    at = at + (
+    at = at + kept3(
         //% for k in link.shift
         ${"+ " if not loop.first else ""}axes[${k}] * arm.shift_${i}_${k}
         //% endfor
-    )${" * run.one" if (link.shift | length) > 1 else ""};
+    );
     //% endif
     //% if link.turn
     axes = array<vec3f, 3>(
@@ -79,13 +79,13 @@ fn forward(arm: Arm, q: Joints) -> Kinematics {
     out.origin[${i}] = at;
     //% endfor
     //% if tip
-    at = at + (
+    at = at + kept3(
         //% for k in tip
         ${"+ " if not loop.first else ""}axes[${k}] * arm.tip_${k}
         //% endfor
-    )${" * run.one" if (tip | length) > 1 else ""};
+    );
     //% endif
-    out.tip = at * run.one;
+    out.tip = kept3(at);
     return out;
 }
 

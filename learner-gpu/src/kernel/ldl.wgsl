@@ -27,10 +27,9 @@ fn ldl(j: Jacobian, damping: f32) -> Ldl {
     f21 = f21 + j[${i}].z * j[${i}].y;
     f22 = f22 + j[${i}].z * j[${i}].z;
     //% endfor
-    // Hidden from the compiler, which would add the damping first: see `Run`.
-    f00 = f00 * run.one + damping;
-    f11 = f11 * run.one + damping;
-    f22 = f22 * run.one + damping;
+    f00 = kept(f00) + damping;
+    f11 = kept(f11) + damping;
+    f22 = kept(f22) + damping;
     let trace = f00 + f11 + f22;
     let l10 = f10 / f00;
     f11 = f11 - l10 * f10;

@@ -5,6 +5,14 @@
 /// Adding this to a small whole number puts it, modulo 2²², into the sum's last bits.
 const SHIFTER = 12582912.0; // 1.5 · 2²³
 
+/// x, hidden from the compiler, so that what is made of it stays in the order in which it is written.
+///
+/// A driver may reorder sums and products: it takes constants to the front, adds the products of a sum last, and makes
+/// (p + d) − p into d. That is not less exact, but other bits than the CPU's. What it cannot see through stops it.
+fn kept(x: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(x) | run.nothing);
+}
+
 /// The smaller; b where a is NaN.
 fn least(a: f32, b: f32) -> f32 {
     return select(b, a, a < b);
@@ -40,7 +48,7 @@ fn sin_cos_within(x: f32) -> SinCos {
     let r = r2 - k * 7.549789948768648e-8;
     let rr = r * r;
     let s = ((-1.9515295891e-4 * rr + 8.3321608736e-3) * rr + -1.6666654611e-1) * rr * r + r;
-    let c = (((2.443315711809948e-5 * rr + -1.388731625493765e-3) * rr + 4.166664568298827e-2) * rr * rr - 0.5 * rr) * run.one + 1.0;
+    let c = kept(((2.443315711809948e-5 * rr + -1.388731625493765e-3) * rr + 4.166664568298827e-2) * rr * rr - 0.5 * rr) + 1.0;
     let quarter = bitcast<u32>(k + SHIFTER);
     let odd = (quarter & 1u) != 0u;
     let half = (quarter & 2u) != 0u;
@@ -63,5 +71,5 @@ fn exponential(x: f32) -> f32 {
     p = p * r + 1.6666665459e-1;
     p = p * r + 5.0000001201e-1;
     let power = bitcast<f32>((bitcast<u32>(k + SHIFTER) + 127u) << 23u);
-    return (p * (r * r) + r + run.one) * power;
+    return (kept(p * (r * r) + r) + 1.0) * power;
 }

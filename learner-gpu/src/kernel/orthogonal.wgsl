@@ -33,7 +33,7 @@ fn orthogonal(j: Jacobian, right: vec3f) -> Orthogonal {
             c = c + rows[${i}].${p} * rows[${i}].${q};
             //% endfor
             // Rows whose cosine is below 8·2⁻²³ are orthogonal.
-            let needed = (9.094947017729282e-13 * run.one) * (a * b) < c * c;
+            let needed = kept(9.094947017729282e-13) * (a * b) < c * c;
             turned = turned | needed;
             // tan of the angle: the smaller root of t² + 2ζt − 1 = 0.
             let zeta = (b - a) / (2.0 * select(1.0, c, needed));
