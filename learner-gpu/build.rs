@@ -77,7 +77,12 @@ fn check(method: &Method) -> Result<(), String> {
     })?;
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     let info = validator.validate(&module).map_err(|error| {
-        let line = error.location(&kernel.source).map(|at| at.line_number);
+        // The narrowest of the places that it names: the others are around it.
+        let spans = error
+            .spans()
+            .filter_map(|(span, _)| Some((span.to_range()?.len(), span)));
+        let narrowest = spans.min_by_key(|&(length, _)| length);
+        let line = narrowest.map(|(_, span)| span.location(&kernel.source).line_number);
         located(&kernel, line, &causes(&error.into_inner()))
     })?;
     translate(&module, &info)

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::kernel::anneal::{Island, Place};
 use crate::kernel::score::Ready;
+pub use crate::lanes::describe;
 use crate::lanes::{Instructions, Lanes, dispatch};
 use crate::problem::{Problem, with_dofs};
 use crate::task::TaskError;

@@ -14,7 +14,7 @@ pub trait Instructions: Simd {
     /// The proof.
     ///
     /// [`Lanes`] needs one to make a constant, where it has no other value at hand to take it from. Only code inside
-    /// [`crate::lanes::dispatch!`] names a type with a level, and that has checked the machine.
+    /// `dispatch!` names a type with a level, and that has checked the machine.
     fn proof() -> Self;
 }
 

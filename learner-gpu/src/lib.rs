@@ -17,7 +17,7 @@ pub mod csv;
 pub mod export;
 pub mod gpu;
 pub mod kernel;
-pub mod lanes;
+mod lanes;
 pub mod learn;
 pub mod motion;
 pub mod output;

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use sinew_learn::{gpu, lanes};
+use sinew_learn::{cpu, gpu};
 
 use super::{Failure, print, table};
 
@@ -20,7 +20,7 @@ pub fn run(_: &Arguments) -> Result<ExitCode, Failure> {
             adapter.driver.clone(),
         ]);
     }
-    rows.push(vec!["cpu".to_owned(), lanes::describe(), String::new()]);
+    rows.push(vec!["cpu".to_owned(), cpu::describe(), String::new()]);
     print(&table(&rows))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -15,7 +15,7 @@ use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
 use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
 use sinew_learn::task::{Arm, Task, facing};
-use sinew_learn::{lanes, urdf};
+use sinew_learn::{cpu, urdf};
 
 use super::{Failure, print, table};
 
@@ -257,7 +257,7 @@ fn backend(
             Err(error) => eprintln!("no GPU path: {error}"),
         }
     }
-    Ok((Backend::Cpu, "cpu", lanes::describe()))
+    Ok((Backend::Cpu, "cpu", cpu::describe()))
 }
 
 /// What was learned, scored again in f64.

@@ -38,7 +38,7 @@ impl Island {
 }
 
 /// Which island this is, and what its members are scored on.
-pub struct Place<'a, S: Simd, const N: usize> {
+pub(crate) struct Place<'a, S: Simd, const N: usize> {
     /// How the controller is set.
     pub settings: &'a Settings,
     /// The bounds of each parameter.
