@@ -29,7 +29,7 @@ fn learned(problem: &Problem, backend: &mut Backend) -> f64 {
     let stop = AtomicBool::new(false);
     let began = Instant::now();
     search
-        .run(problem, backend, 1000, &stop, None, |_| {})
+        .run(problem, backend, 1100, &stop, None, |_| {})
         .unwrap();
     let seconds = began.elapsed().as_secs_f64();
     let winners = search.winners(problem).unwrap();

@@ -494,11 +494,12 @@ fn transform<T: Real + Scalar>(
 /// The base frame is at the shoulder, x to the person's right, y forward, z up. At zero the arm hangs straight down.
 /// The DoFs: shoulder flexion (about x), abduction (y) and axial rotation (z); elbow flexion (x); forearm pronation
 /// (z); wrist flexion (x) and deviation (y). The axis of pronation passes through elbow and wrist; it is placed at
-/// the elbow. Landmarks are shoulder, elbow and wrist (DoFs 0, 3, 5), then the hand, which is the tip.
+/// the elbow. Landmarks are shoulder, elbow and wrist (DoFs 0, 3, 5), then the hand, which is the tip: four
+/// points, one fewer than the SPEC's joints and tip, because nothing that is recorded lies at the axis of pronation.
 ///
 /// Limits are the ranges of motion of the American Academy of Orthopaedic Surgeons (*Joint motion: method of
 /// measuring and recording*, 1965), with the greater of both directions where left and right arm are mirror images
-/// (abduction, rotations, deviation), so that one model serves either arm.
+/// (abduction, rotations, deviation), so that one model serves either arm; the wrist extends as far as it flexes.
 ///
 /// # Errors
 /// A length that is negative, not finite or above [`MOST_LENGTH`].

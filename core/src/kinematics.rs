@@ -201,7 +201,8 @@ impl<T: Real, const N: usize> Kinematics<'_, T, N> {
 }
 
 /// The pose of every DoF's own frame in the base frame, after its motion: Tᵢ of SPEC section 1, from a chain's
-/// description. A [`Chain`] has folded these frames away: it keeps what a control tick needs, and no more.
+/// description. A [`Chain`] has folded these frames away: it keeps what a control tick needs, and no more. The joints
+/// are not checked here: a zero axis gives no number.
 ///
 /// ```
 /// use nalgebra::Isometry3;

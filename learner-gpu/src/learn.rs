@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::kernel::anneal::Island;
-use crate::kernel::proposal::parameter;
+use crate::kernel::proposal::{ISLAND, parameter};
 use crate::problem::Problem;
 use crate::synergies::score;
 use crate::task::TaskError;
@@ -22,8 +22,8 @@ const GENERATIONS_A_LOOK: u32 = 32;
 /// generations ago.
 const SETTLED: f64 = 0.005;
 
-/// Fewer generations than this are never called settled: twice the last of [`ROUNDS`], so that a settled mean is that
-/// of the islands that are left.
+/// Fewer generations than this are never called settled: twice the last of [`ROUNDS`], so that the means compared are
+/// those of the islands that are left.
 const LEAST_GENERATIONS: u32 = 1024;
 
 /// The generations after which of each set's islands the best quarter goes on alone.
@@ -138,6 +138,11 @@ impl Search {
         let began = Instant::now();
         let mut saved = 0.0;
         let mut left = self.left(problem);
+        if self.generation > 0
+            && let Err(error) = put_on(backend, &left, &self.islands)
+        {
+            report(Err(self.fall_back(backend, error)?));
+        }
         while !self.settled && self.generation < generations {
             let look = (self.generation / GENERATIONS_A_LOOK + 1) * GENERATIONS_A_LOOK;
             if let Err(error) = self.advance(&left, backend, look.min(generations), stop) {
@@ -147,19 +152,15 @@ impl Search {
             }
             let elapsed = began.elapsed().as_secs_f64();
             self.seconds = before + elapsed;
+            if self.cull(&left) {
+                left = self.left(problem);
+                if let Err(error) = put_on(backend, &left, &self.islands) {
+                    report(Err(self.fall_back(backend, error)?));
+                }
+            }
             let progress = self.progress(&left);
             if self.generation == look {
                 self.look(progress.mean);
-                if self.cull(&left) {
-                    left = self.left(problem);
-                    let replaced = match backend {
-                        Backend::Gpu { device, .. } => device.replace(&left, &self.islands),
-                        Backend::Cpu => Ok(()),
-                    };
-                    if let Err(error) = replaced {
-                        report(Err(self.fall_back(backend, error.into())?));
-                    }
-                }
             }
             report(Ok(progress));
 
@@ -244,6 +245,16 @@ impl Search {
         Ok(())
     }
 
+    /// Whether every island has as many members and genes as it should.
+    fn is_whole(&self, genes: usize) -> bool {
+        self.islands.iter().all(|island| {
+            island.genes.len() == genes
+                && island.genes.iter().all(|row| row.len() == ISLAND)
+                && island.scores.len() == ISLAND
+                && island.best.len() == genes
+        })
+    }
+
     /// Notes the population's mean at a look, and whether it has settled.
     fn look(&mut self, mean: f64) {
         self.means.push(mean);
@@ -312,6 +323,14 @@ impl Search {
     }
 }
 
+/// Gives a device the islands that there are now.
+fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Result<(), LearnError> {
+    match backend {
+        Backend::Gpu { device, .. } => Ok(device.replace(problem, islands)?),
+        Backend::Cpu => Ok(()),
+    }
+}
+
 /// A set's best parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Winner {
@@ -327,11 +346,23 @@ pub struct Checkpoint {
     path: PathBuf,
     /// All that the search's outcome depends on but the number of generations.
     identity: String,
+    genes: usize,
+}
+
+/// What a checkpoint's file is found to hold.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kept {
+    /// The search.
+    Search(Box<Search>),
+    /// Another search, or nothing that can be read.
+    Other,
+    /// There is no file.
+    Nothing,
 }
 
 /// What the file holds.
 #[derive(Serialize, Deserialize)]
-struct Kept<S> {
+struct File<S> {
     identity: String,
     search: S,
 }
@@ -345,6 +376,7 @@ impl Checkpoint {
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
+            genes: problem.genes(),
         }
     }
 
@@ -354,10 +386,16 @@ impl Checkpoint {
     }
 
     /// The state kept, where there is one of the same search.
-    pub fn read(&self) -> Option<Search> {
-        let bytes = std::fs::read(&self.path).ok()?;
-        let kept: Kept<Search> = postcard::from_bytes(&bytes).ok()?;
-        (kept.identity == self.identity).then_some(kept.search)
+    pub fn read(&self) -> Kept {
+        let Ok(bytes) = std::fs::read(&self.path) else {
+            return Kept::Nothing;
+        };
+        match postcard::from_bytes::<File<Search>>(&bytes) {
+            Ok(file) if file.identity == self.identity && file.search.is_whole(self.genes) => {
+                Kept::Search(Box::new(file.search))
+            }
+            _ => Kept::Other,
+        }
     }
 
     fn write(&self, search: &Search) -> Result<(), LearnError> {
@@ -365,12 +403,12 @@ impl Checkpoint {
             path: self.path.clone(),
             error,
         };
-        let kept = Kept {
+        let file = File {
             identity: self.identity.clone(),
             search,
         };
         let bytes =
-            postcard::to_stdvec(&kept).map_err(|error| wrong(std::io::Error::other(error)))?;
+            postcard::to_stdvec(&file).map_err(|error| wrong(std::io::Error::other(error)))?;
         output::replace(&self.path, &bytes).map_err(wrong)
     }
 
@@ -428,7 +466,9 @@ mod tests {
         let mut first = Search::new(&problem);
         run(&mut first, &problem, 33);
         checkpoint.write(&first).unwrap();
-        let mut second = checkpoint.read().unwrap();
+        let Kept::Search(mut second) = checkpoint.read() else {
+            panic!("nothing kept");
+        };
         run(&mut second, &problem, 70);
 
         assert_eq!(whole.islands, second.islands);
@@ -443,7 +483,12 @@ mod tests {
             .write(&Search::new(&problem))
             .unwrap();
         problem.seed += 1;
-        assert_eq!(Checkpoint::new(folder.path(), &problem, "cpu").read(), None);
+        let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
+        assert_eq!(checkpoint.read(), Kept::Other);
+        std::fs::write(checkpoint.path(), b"damaged").unwrap();
+        assert_eq!(checkpoint.read(), Kept::Other);
+        checkpoint.remove();
+        assert_eq!(checkpoint.read(), Kept::Nothing);
     }
 
     #[test]

@@ -44,7 +44,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(failure) => {
-            eprintln!("sinew: {failure}");
+            command::tell!("sinew: {failure}");
             failure.code()
         }
     }

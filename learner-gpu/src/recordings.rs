@@ -103,13 +103,17 @@ pub fn read(paths: &[PathBuf]) -> Result<Vec<Recording>, RecordingsError> {
     files.iter().map(one).collect()
 }
 
-/// The recording that a file of synergies names: by its path from here, then from the folder of that file, then in
-/// the shipped sample.
+/// The recording that a file of synergies names: by its path from here, from the folder of that file or the one above
+/// (where `sinew learn --out DIR` ran), then in the shipped sample.
 ///
 /// # Errors
 /// It is nowhere, or is no recording.
 pub fn find(file: &str, beside: &Path) -> Result<Recording, RecordingsError> {
-    let places = [PathBuf::from(file), beside.join(file)];
+    let places = [
+        PathBuf::from(file),
+        beside.join(file),
+        beside.join("..").join(file),
+    ];
     if let Some(path) = places.iter().find(|path| path.is_file()) {
         return Ok(Recording {
             file: file.to_owned(),

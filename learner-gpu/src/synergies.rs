@@ -107,6 +107,12 @@ pub enum SynergiesError {
         /// The version it says.
         found: u32,
     },
+    /// There is no motion in it.
+    #[error("{path}: no motions, expected at least one")]
+    NoMotions {
+        /// The file.
+        path: String,
+    },
     /// A motion in it is wrong.
     #[error("{path}: motion {motion} ({file}): {what}")]
     Motion {
@@ -149,6 +155,9 @@ impl Synergies {
             return Err(SynergiesError::Version { path: name, found });
         }
         let synergies: Synergies = serde_json::from_str(&text).map_err(form)?;
+        if synergies.motions.is_empty() {
+            return Err(SynergiesError::NoMotions { path: name });
+        }
         for (index, motion) in synergies.motions.iter().enumerate() {
             synergies
                 .check(motion)
@@ -183,6 +192,16 @@ impl Synergies {
             if found != expected {
                 return Err(format!("{key} has {found} numbers, expected {expected}"));
             }
+        }
+        if !(2..=1_000_000).contains(&motion.frames) {
+            return Err(format!(
+                "frames is {}, expected 2 to 1000000",
+                motion.frames
+            ));
+        }
+        let near = |x: &f64| x.abs() <= sinew::chain::MOST_LENGTH;
+        if let Some(x) = motion.target.iter().find(|x| !near(x)) {
+            return Err(format!("target has {x}, expected metres within 10 km"));
         }
         let positive = [("lambda", self.lambda), ("rate_hz", self.rate_hz)];
         match positive
@@ -252,6 +271,11 @@ impl Synergies {
 pub fn score(settings: &Settings, task: &Task, parameters: &[f64]) -> Result<f64, TaskError> {
     let dofs = task.chain.joints.len();
     with_dofs!(dofs, N => {
-        Ok(Ready::<f64, N>::new(task)?.score(settings, parameters))
+        let ready = Ready::<f64, N>::new(task)?;
+        // A score alone does not tell parameters that are refused.
+        ready
+            .synthesise(settings, parameters, 0, |_, _, _| {})
+            .map_err(|error| TaskError::Core { motion: task.name.clone(), error })?;
+        Ok(ready.score(settings, parameters))
     }, else Err(TaskError::Dofs { found: dofs }))
 }

@@ -1,5 +1,6 @@
 //! The program as a person meets it: what it prints, what it writes, and how it ends.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -148,9 +149,9 @@ fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let long = [
         "--generations",
-        "4000",
+        "200",
         "--population",
-        "256",
+        "8192",
         "--seed",
         "9",
     ];
@@ -159,10 +160,13 @@ fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     arguments.extend(long);
     let mut running = command(&arguments)
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_millis(1500));
+    // Long enough after it began for some generations, and seconds before it would end.
+    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().starts_with("backend")));
+    std::thread::sleep(Duration::from_millis(500));
     Command::new("kill")
         .args(["-INT", &running.id().to_string()])
         .status()
@@ -216,8 +220,8 @@ fn wrong_options_are_usage_errors() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     for (option, value, words) in [
-        ("--rate", "0", "above 0"),
-        ("--rate", "NaN", "above 0"),
+        ("--rate", "0", "expected"),
+        ("--rate", "NaN", "expected"),
         ("--lambda", "-1", "--lambda"),
         ("--model", "e", "possible values"),
         ("--population", "0", "0 is not in"),

@@ -1,7 +1,8 @@
 //! NJᵀ: ΔΘ = λ·dt · JᵀΔX/‖JᵀΔX‖, and 0 where the norm is 0 (SPEC section 2).
 //!
 //! The step never passes the point along this direction that minimises ‖ΔX − J·δ‖: with d = JᵀΔX that is α·d,
-//! α = ⟨ΔX, J·d⟩/‖J·d‖² (Buss 2004, *Introduction to inverse kinematics*, section 3), and ⟨ΔX, J·d⟩ = ‖d‖².
+//! α = ⟨ΔX, J·d⟩/‖J·d‖² (Buss 2004, *Introduction to inverse kinematics*, section 3), and ⟨ΔX, J·d⟩ = ‖d‖². This holds
+//! before the synergy: a gain above 1 carries the tick further.
 
 use super::{Stepper, transposed_times};
 use crate::real::Real;

@@ -4,6 +4,7 @@
 //! Each singular direction's part φₖ = (uₖᵀΔX)/σₖ · vₖ is held below an angle of its own, γₖ = min(1, Nₖ/Mₖ)·γ_max.
 //! Nₖ = ‖uₖ‖ = 1 is how far the tip has to go along uₖ for a unit of it, Mₖ = Σᵢ |vₖᵢ|·ρᵢ/σₖ how far the joints
 //! would carry it, with ρᵢ the length of the Jacobian's column i. The sum is held below γ_max again.
+//! Singular values below 1e-4·σ_max are dropped, as for J⁺. The source's other measure, to clamp ‖ΔX‖, is the caller's.
 
 use super::Stepper;
 use super::orthogonal::Orthogonal;

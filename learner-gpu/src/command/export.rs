@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             }
         }
     }
-    eprintln!(
+    super::tell!(
         "exported the synergy of {}, {} bytes",
         motion.file,
         bytes.len()

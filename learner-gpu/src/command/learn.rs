@@ -1,7 +1,7 @@
 //! `sinew learn`: from recordings to synergies.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use sinew_learn::gpu::{self, Gpu};
 use sinew_learn::kernel::proposal::ISLAND;
-use sinew_learn::learn::{Backend, Checkpoint, Ended, LearnError, Progress, Search};
+use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
 use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long)]
     joint: bool,
     /// Members for each parameter vector to begin with, taken up to a multiple of 64; the best go on
-    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     population: u32,
     /// The most generations; it stops sooner once the population has settled
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -88,6 +88,7 @@ enum BackendChoice {
 /// LANDMARK=JOINT.
 fn pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
+        Some(("hand", _)) => Err("the hand is compared with --tip, always".to_owned()),
         Some((landmark, joint)) if !landmark.is_empty() && !joint.is_empty() => {
             Ok((landmark.to_owned(), joint.to_owned()))
         }
@@ -99,35 +100,37 @@ fn pair(text: &str) -> Result<(String, String), String> {
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let recordings = match arguments.recordings.as_slice() {
         [] => {
-            eprintln!("no recordings named: learning from the sample that ships with the project (made, not recorded)");
+            super::tell!("no recordings named: learning from the sample that ships with the project (made, not recorded)");
             recordings::shipped()
         }
         paths => recordings::read(paths),
     }
     .map_err(Failure::input)?;
     let problem = problem(arguments, &recordings)?;
-    std::fs::create_dir_all(&arguments.out)
-        .map_err(|error| Failure::input(format!("{}: {error}", arguments.out.display())))?;
-
     let fresh = Search::new(&problem);
     let (mut backend, name, device) = backend(arguments.backend, &problem, &fresh)?;
-    eprintln!("backend {name}: {device}");
-    let checkpoint = Checkpoint::new(&arguments.out, &problem, &device);
+    super::tell!("backend {name}: {device}");
+    can_be_written(&arguments.out)?;
+    // Lanes give the same bits at every width and on any number of threads; devices need not.
+    let computed_by = if name == "cpu" { "cpu" } else { &device };
+    let checkpoint = Checkpoint::new(&arguments.out, &problem, computed_by);
     let mut search = match checkpoint.read() {
-        Some(search) => {
-            eprintln!(
+        Kept::Search(search) => {
+            super::tell!(
                 "going on from generation {} ({})",
                 search.generation,
                 checkpoint.path().display()
             );
-            if let Backend::Gpu { device, .. } = &mut backend {
-                device
-                    .replace(&search.left(&problem), &search.islands)
-                    .map_err(Failure::run)?;
-            }
-            search
+            *search
         }
-        None => fresh,
+        Kept::Other => {
+            super::tell!(
+                "{} is of another search or damaged: beginning anew, it will be replaced",
+                checkpoint.path().display()
+            );
+            fresh
+        }
+        Kept::Nothing => fresh,
     };
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -151,7 +154,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         error => Failure::run(error),
     })?;
     if ended == Ended::Stopped {
-        eprintln!(
+        super::tell!(
             "stopped after generation {}; the same command goes on from there ({})",
             search.generation,
             checkpoint.path().display()
@@ -159,6 +162,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::from(130));
     }
 
+    // The CPU may have taken over.
+    let (name, device) = match backend {
+        Backend::Cpu => ("cpu", cpu::describe()),
+        Backend::Gpu { .. } => (name, device),
+    };
     let synergies = synergies(&problem, &recordings, &search, name, device)?;
     let path = arguments.out.join("synergies.json");
     synergies
@@ -170,18 +178,32 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Whether results can be put in a folder, asked before a search and not after it. The folder is made where need be.
+fn can_be_written(folder: &Path) -> Result<(), Failure> {
+    let wrong = |error| Failure::input(format!("{}: {error}", folder.display()));
+    std::fs::create_dir_all(folder).map_err(wrong)?;
+    tempfile::NamedTempFile::new_in(folder).map_err(wrong)?;
+    if folder.join("synergies.json").is_dir() {
+        return Err(Failure::Input(format!(
+            "{}: synergies.json in it is a folder",
+            folder.display()
+        )));
+    }
+    Ok(())
+}
+
 /// What is to be learned.
 fn problem(arguments: &Arguments, recordings: &[Recording]) -> Result<Problem, Failure> {
-    let positive = [
-        ("--rate", Some(arguments.rate), 10_000.0),
-        ("--lambda", arguments.lambda, 1e6),
+    let ranges = [
+        ("--rate", Some(arguments.rate), 1e-3, 1e4),
+        ("--lambda", arguments.lambda, 1e-6, 1e5),
     ];
-    for (option, value, most) in positive {
+    for (option, value, least, most) in ranges {
         if let Some(value) = value
-            && !(value > 0.0 && value <= most)
+            && !(value >= least && value <= most)
         {
             return Err(Failure::Input(format!(
-                "{option} is {value}, expected above 0 and up to {most}"
+                "{option} is {value}, expected {least} to {most}"
             )));
         }
     }
@@ -254,7 +276,7 @@ fn backend(
                 ));
             }
             Err(error) if choice == BackendChoice::Gpu => return Err(Failure::run(error)),
-            Err(error) => eprintln!("no GPU path: {error}"),
+            Err(error) => super::tell!("no GPU path: {error}"),
         }
     }
     Ok((Backend::Cpu, "cpu", cpu::describe()))
@@ -383,11 +405,11 @@ impl Bar {
             .is_none_or(|last| last.elapsed() > Duration::from_secs(5))
         {
             self.last.set(Some(Instant::now()));
-            eprintln!("generation {generation}/{}: {distances}", self.generations);
+            super::tell!("generation {generation}/{}: {distances}", self.generations);
         }
     }
 
     fn say(&self, words: &str) {
-        self.bar.suspend(|| eprintln!("{words}"));
+        self.bar.suspend(|| super::tell!("{words}"));
     }
 }

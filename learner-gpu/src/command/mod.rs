@@ -51,6 +51,15 @@ impl fmt::Display for Failure {
     }
 }
 
+/// A line on standard error. Nobody reading it is no failure, and no reason to lose a search.
+macro_rules! tell {
+    ($($words:tt)*) => {{
+        use std::io::Write;
+        let _ = writeln!(std::io::stderr(), $($words)*);
+    }};
+}
+pub(crate) use tell;
+
 /// Prints to standard output. A reader that goes away (`| head`) is no failure.
 pub fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
@@ -91,8 +100,8 @@ pub fn point(text: &str) -> Result<Point, String> {
         ));
     };
     let number = |part: &str| match part.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("expected a number of metres, found {part:?}")),
+        Ok(number) if number.abs() <= sinew::chain::MOST_LENGTH => Ok(number),
+        _ => Err(format!("expected metres within 10 km, found {part:?}")),
     };
     Ok([number(x)?, number(y)?, number(z)?])
 }

@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         true => Err(Failure::run(names)),
         false if names.is_empty() => Ok(ExitCode::SUCCESS),
         false => {
-            eprintln!("the hand is there, but {names}");
+            super::tell!("the hand is there, but {names}");
             Ok(ExitCode::SUCCESS)
         }
     }
@@ -105,7 +105,7 @@ fn load(arguments: &Arguments) -> Result<Option<Settings>, Failure> {
     let motion = choose(&synergies, file, name, Some(arguments.target))?;
     let settings = settings(&synergies, motion)
         .map_err(|error| Failure::input(format!("{}: {}: {error}", file.display(), motion.file)))?;
-    eprintln!("the synergy of {}", motion.file);
+    super::tell!("the synergy of {}", motion.file);
     Ok(Some(settings))
 }
 

@@ -52,6 +52,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Some(seconds) => (seconds * synergies.rate_hz).round() as usize + 1,
         None => motion.frames,
     };
+    if !(2..=1_000_000).contains(&frames) {
+        return Err(Failure::Input(format!(
+            "--seconds makes {frames} frames, expected 2 to 1000000"
+        )));
+    }
     let synthesis =
         synthesize(&synergies, motion, arguments.target, frames).map_err(Failure::input)?;
     let text = synthesis.csv();
