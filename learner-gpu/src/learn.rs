@@ -152,7 +152,8 @@ impl Search {
             }
             let elapsed = began.elapsed().as_secs_f64();
             self.seconds = before + elapsed;
-            if self.cull(&left) {
+            // A stop can end an advance where it began: a round that has ended does not end again.
+            if self.generation == look && self.cull(&left) {
                 left = self.left(problem);
                 if let Err(error) = put_on(backend, &left, &self.islands) {
                     report(Err(self.fall_back(backend, error)?));
