@@ -3,6 +3,8 @@
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 use sinew::chain::Chain;
+use sinew::real::Real;
+use sinew::target::Position;
 
 use crate::chain::{ChainDescription, ChainError};
 use crate::motion::{Motion, MotionError, Point};
@@ -129,6 +131,31 @@ impl Task {
             target,
             reference,
             misfit,
+        })
+    }
+
+    /// The posture it begins in, for N DoFs and a scalar.
+    ///
+    /// # Errors
+    /// It is of another size.
+    pub fn posture<T: Real, const N: usize>(&self) -> Result<[T; N], TaskError> {
+        let posture = <[f64; N]>::try_from(self.initial.as_slice());
+        let posture = posture.map_err(|_| TaskError::Posture {
+            motion: self.name.clone(),
+            expected: N,
+            found: self.initial.len(),
+        })?;
+        Ok(posture.map(T::of))
+    }
+
+    /// Its target, for a scalar.
+    ///
+    /// # Errors
+    /// A coordinate that is no number.
+    pub fn goal<T: Real>(&self) -> Result<Position<T>, TaskError> {
+        Position::new(self.target.map(T::of)).map_err(|error| TaskError::Core {
+            motion: self.name.clone(),
+            error,
         })
     }
 }

@@ -2,7 +2,6 @@
 
 use sinew::chain::Chain;
 use sinew::synergy::Model;
-use sinew::target::Position;
 
 use super::error::GpuError;
 use crate::kernel::compose::{Method, Structure};
@@ -67,17 +66,8 @@ impl Motion {
         chain: &Chain<f32, N>,
         structure: &Structure,
     ) -> Result<Self, GpuError> {
-        let initial =
-            <[f64; N]>::try_from(task.initial.as_slice()).map_err(|_| TaskError::Posture {
-                motion: task.name.clone(),
-                expected: N,
-                found: task.initial.len(),
-            })?;
-        let target =
-            Position::new(task.target.map(|x| x as f32)).map_err(|error| TaskError::Core {
-                motion: task.name.clone(),
-                error,
-            })?;
+        let initial = task.posture::<f32, N>()?;
+        let target = task.goal::<f32>()?;
         let points = structure.points();
         if let Some((frame, wrong)) = task
             .reference
@@ -93,11 +83,7 @@ impl Motion {
                 found: wrong.len(),
             });
         }
-        let numbers = structure.numbers(
-            chain,
-            &initial.map(|angle| angle as f32),
-            target.coordinates(),
-        );
+        let numbers = structure.numbers(chain, &initial, target.coordinates());
         let frame = |points: &Vec<Point>| {
             let points: Vec<_> = points.iter().map(|point| point.map(|x| x as f32)).collect();
             structure.frame(&points)

@@ -31,19 +31,10 @@ impl<T: Real, const N: usize> Ready<T, N> {
     /// What is wrong with the chain, or a posture of another size.
     pub fn new(task: &Task) -> Result<Self, TaskError> {
         let chain = task.chain.build::<N>()?;
-        let initial =
-            <[f64; N]>::try_from(task.initial.as_slice()).map_err(|_| TaskError::Posture {
-                motion: task.name.clone(),
-                expected: N,
-                found: task.initial.len(),
-            })?;
         Ok(Ready {
             chain: chain.cast(),
-            initial: initial.map(T::of),
-            target: Position::new(task.target.map(T::of)).map_err(|error| TaskError::Core {
-                motion: task.name.clone(),
-                error,
-            })?,
+            initial: task.posture()?,
+            target: task.goal()?,
             reference: task.reference.clone(),
         })
     }
