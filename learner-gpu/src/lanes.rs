@@ -49,6 +49,12 @@ impl<S: Instructions> Lanes<S> {
         Lanes(S::f32s::from_slice(S::proof(), values))
     }
 
+    /// The same number in each.
+    #[inline(always)]
+    pub fn splat(value: f32) -> Self {
+        Lanes(S::f32s::splat(S::proof(), value))
+    }
+
     /// The numbers, into a slice of as many.
     #[inline(always)]
     pub fn store(self, values: &mut [f32]) {

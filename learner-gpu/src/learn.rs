@@ -1,36 +1,46 @@
-//! The search from beginning to end: generations on a backend, progress, stopping, going on, and the winners scored
-//! again.
+//! The search from beginning to end: rounds, progress, stopping, going on, and the winners scored again.
+//!
+//! A round is
+//! 1. **anneal**: every island runs [`GENERATIONS_A_ROUND`] generations on the backend ([`crate::kernel::anneal`]);
+//! 2. **descend**: from the best members, and from some others, to the floors of their valleys ([`crate::refine`]); a floor
+//!    takes the place of the member it was found from;
+//! 3. **exchange**: what is best for other sets of motions is tried on this one, descends too, and takes the place of an
+//!    island's worst member (migration between islands: Cohoon et al. 1987). Motions of one person have valleys in common,
+//!    and one that is rarely found needs to be found only once;
+//! 4. **restart**: the worse half of each set's islands begins anew.
+//!
+//! The best is never lost: its island is never in the worse half. The search has settled when rounds gain nothing more.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::kernel::anneal::Island;
-use crate::kernel::proposal::{ISLAND, parameter};
+use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
 use crate::problem::Problem;
+use crate::refine::{Start, refine, scores};
 use crate::synergies::score;
 use crate::task::TaskError;
 use crate::{cpu, output};
 
-/// The stop rule is looked at every so many generations, so that it does not depend on how fast the machine is.
-const GENERATIONS_A_LOOK: u32 = 32;
+/// Generations between two descents.
+pub const GENERATIONS_A_ROUND: u32 = 16;
 
-/// The search has settled when the population's mean score fell by less than this share since half as many
-/// generations ago.
+/// Descents from each set's own members in a round.
+const DESCENTS: usize = 32;
+
+/// Sets whose best is tried on each set in a round.
+const DONORS: usize = 8;
+
+/// The search has settled when the mean of the sets' best scores fell by less than this share since half as many rounds
+/// ago.
 const SETTLED: f64 = 0.005;
 
-/// Fewer generations than this are never called settled: twice the last of [`ROUNDS`], so that the means compared are
-/// those of the islands that are left.
-const LEAST_GENERATIONS: u32 = 1024;
-
-/// The generations after which of each set's islands the best quarter goes on alone.
-///
-/// A motion has many valleys, and an island settles in one. Many islands look for valleys, few go to their ends:
-/// successive halving (Karnin, Koren and Somekh 2013; Jamieson and Talwalkar 2016).
-const ROUNDS: [u32; 2] = [128, 512];
+/// Fewer rounds than this are never called settled.
+const LEAST_ROUNDS: usize = 8;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -73,14 +83,16 @@ pub enum Backend {
 pub struct Search {
     /// Generations that ran.
     pub generation: u32,
-    /// The population: the islands of set 0 that are left, then those of set 1, and so on, as many of each.
+    /// The population: the islands of set 0, then those of set 1, and so on, as many of each.
     pub islands: Vec<Island>,
     /// Motions that were synthesised and compared.
     pub evaluations: u64,
     /// Seconds it took so far.
     pub seconds: f64,
-    /// The population's mean score (metres) at every look.
-    means: Vec<f64>,
+    /// After every round: the mean over the sets of the best score, metres.
+    bests: Vec<f64>,
+    /// The best score of each set when it was last offered to others.
+    offered: Vec<f32>,
     settled: bool,
 }
 
@@ -114,7 +126,8 @@ impl Search {
             islands: vec![Island::new(problem.genes()); count],
             evaluations: 0,
             seconds: 0.0,
-            means: Vec::new(),
+            bests: Vec::new(),
+            offered: vec![f32::INFINITY; problem.sets.len()],
             settled: false,
         }
     }
@@ -137,35 +150,33 @@ impl Search {
         let before = self.seconds;
         let began = Instant::now();
         let mut saved = 0.0;
-        let mut left = self.left(problem);
         if self.generation > 0
-            && let Err(error) = put_on(backend, &left, &self.islands)
+            && let Err(error) = put_on(backend, problem, &self.islands)
         {
             report(Err(self.fall_back(backend, error)?));
         }
-        while !self.settled && self.generation < generations {
-            let look = (self.generation / GENERATIONS_A_LOOK + 1) * GENERATIONS_A_LOOK;
-            if let Err(error) = self.advance(&left, backend, look.min(generations), stop) {
+        while !self.settled && (self.generation < generations || self.round_is_due(generations)) {
+            let end = self.end_of_round(generations);
+            if self.generation < end
+                && let Err(error) = self.advance(problem, backend, end, stop)
+            {
                 // What is here is the last read-back, whole: nothing but the time since is lost.
                 report(Err(self.fall_back(backend, error)?));
                 continue;
             }
-            let elapsed = began.elapsed().as_secs_f64();
-            self.seconds = before + elapsed;
-            // A stop can end an advance where it began: a round that has ended does not end again.
-            if self.generation == look && self.cull(&left) {
-                left = self.left(problem);
-                if let Err(error) = put_on(backend, &left, &self.islands) {
+            // A stop can come at any time: a round that has not ended is taken up where it was.
+            if self.generation == end && self.end_round(problem, stop)? {
+                if let Err(error) = put_on(backend, problem, &self.islands) {
                     report(Err(self.fall_back(backend, error)?));
                 }
             }
-            let progress = self.progress(&left);
-            if self.generation == look {
-                self.look(progress.mean);
-            }
-            report(Ok(progress));
+            let elapsed = began.elapsed().as_secs_f64();
+            self.seconds = before + elapsed;
+            report(Ok(self.progress(problem)));
 
-            let stopped = stop.load(Ordering::Relaxed) && self.generation < generations;
+            let stopped = stop.load(Ordering::Relaxed)
+                && !self.settled
+                && (self.generation < generations || self.round_is_due(generations));
             if let Some(checkpoint) = checkpoint
                 && (stopped || elapsed - saved > CHECKPOINT_EVERY)
             {
@@ -183,6 +194,19 @@ impl Search {
         })
     }
 
+    /// The generation that the round which is on ends with: the budget ends the last.
+    fn end_of_round(&self, generations: u32) -> u32 {
+        (self.bests.len() as u32 + 1)
+            .saturating_mul(GENERATIONS_A_ROUND)
+            .min(generations)
+    }
+
+    /// Whether all generations ran, but the last round has not ended.
+    fn round_is_due(&self, generations: u32) -> bool {
+        let rounds = self.generation.div_ceil(GENERATIONS_A_ROUND) as usize;
+        self.generation == generations && self.bests.len() < rounds
+    }
+
     /// Goes on with the CPU where that is allowed, and says so.
     fn fall_back(&self, backend: &mut Backend, error: LearnError) -> Result<String, LearnError> {
         match (&*backend, error) {
@@ -197,28 +221,100 @@ impl Search {
         }
     }
 
-    /// The problem as it is for the islands that are left.
-    pub fn left(&self, problem: &Problem) -> Problem {
-        let islands = self.islands.len() / problem.sets.len().max(1);
-        Problem {
-            islands,
-            ..problem.clone()
+    /// Descends, exchanges, restarts, and notes whether the search has settled. False, and nothing is changed, where
+    /// `stop` was set meanwhile.
+    fn end_round(&mut self, problem: &Problem, stop: &AtomicBool) -> Result<bool, TaskError> {
+        let count = AtomicU64::new(0);
+        let own = self.starts(problem);
+        let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
+        let Some(floors) = refine(problem, &starts, &count, stop)? else {
+            return Ok(false);
+        };
+        let mut islands = self.islands.clone();
+        for ((place, _), floor) in own.iter().zip(&floors) {
+            islands[place.island].settle(place.member, floor);
         }
+
+        // Others' bests are tried after the descents, with what these have found.
+        let offers = offers(&islands, problem.islands, &self.offered);
+        let guests = guests(problem, &islands, &offers)?;
+        let Some(floors) = refine(problem, &guests, &count, stop)? else {
+            return Ok(false);
+        };
+        for (number, (guest, floor)) in guests.iter().zip(&floors).enumerate() {
+            let first = guest.set * problem.islands;
+            let island = first + number % problem.islands.div_ceil(2);
+            let worst = islands[island].worst();
+            islands[island].settle(worst, floor);
+        }
+        for (offered, (_, score)) in self
+            .offered
+            .iter_mut()
+            .zip(bests(&islands, problem.islands))
+        {
+            *offered = score;
+        }
+
+        self.restart(problem, &mut islands);
+        self.islands = islands;
+        self.evaluations += count.into_inner();
+        self.bests.push(self.progress(problem).best);
+        let half = self.bests.len() / 2;
+        if let (Some(&now), Some(&earlier)) =
+            (self.bests.last(), self.bests.get(half.wrapping_sub(1)))
+        {
+            self.settled = self.bests.len() >= LEAST_ROUNDS && earlier - now < SETTLED * now;
+        }
+        Ok(true)
     }
 
-    /// Ends a round, where one ends here: the best islands of each set go on. Whether there are fewer now.
-    fn cull(&mut self, problem: &Problem) -> bool {
-        let kept = problem.islands.div_ceil(4);
-        if !ROUNDS.contains(&self.generation) || kept == problem.islands {
-            return false;
+    /// Where this round's descents begin, and which member of which island gives way to what they find.
+    ///
+    /// First the best of each island (of the best islands, where there are many), then other members in turn. Once there
+    /// is a best to leap from, half of these begin at the set's best moved by half the difference of two members: leaps
+    /// between valleys (iterated local search: Lourenço, Martin and Stützle 2003). In a model that has another within it
+    /// every other descent begins there, so that the richer model ends no worse than the poorer.
+    fn starts(&self, problem: &Problem) -> Vec<(Place, Start)> {
+        let nests = problem.settings.nested(problem.dofs()).is_some();
+        let mut starts = Vec::new();
+        for (set, islands) in self.islands.chunks(problem.islands.max(1)).enumerate() {
+            let mut order: Vec<usize> = (0..islands.len()).collect();
+            order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
+            let bests = order
+                .iter()
+                .map(|&island| (island, islands[island].leader()));
+            // Strides without a factor in common with an island's size meet every member in time.
+            let turn = self.bests.len() * 7;
+            let others = (0..ISLAND).flat_map(|k| {
+                let member = move |island| (island, (turn + 5 * k + island) % ISLAND);
+                order.iter().map(move |&island| member(island))
+            });
+            for (number, (island, member)) in bests.chain(others).take(DESCENTS).enumerate() {
+                let leaps = number >= islands.len() && number % 4 < 2 && !self.bests.is_empty();
+                let genes = match order.first().map(|&best| &islands[best].best) {
+                    Some(best) if leaps => islands[island].leap(best, member),
+                    _ => islands[island].member(member),
+                };
+                let place = Place {
+                    island: set * problem.islands + island,
+                    member,
+                };
+                let nested = nests && number % 2 == 1;
+                starts.push((place, Start { set, genes, nested }));
+            }
         }
-        let mut left = Vec::with_capacity(kept * problem.sets.len());
-        for set in self.islands.chunks_mut(problem.islands) {
-            set.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
-            left.extend(set.iter().take(kept).cloned());
+        starts
+    }
+
+    /// Sorts each set's islands, the best first, and begins the worse half of them anew.
+    fn restart(&self, problem: &Problem, islands: &mut [Island]) {
+        for (set, islands) in islands.chunks_mut(problem.islands.max(1)).enumerate() {
+            islands.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
+            let kept = islands.len().div_ceil(2);
+            for (number, island) in islands.iter_mut().enumerate().skip(kept) {
+                *island = fresh(problem, set, number, self.generation);
+            }
         }
-        self.islands = left;
-        true
     }
 
     fn advance(
@@ -256,15 +352,6 @@ impl Search {
         })
     }
 
-    /// Notes the population's mean at a look, and whether it has settled.
-    fn look(&mut self, mean: f64) {
-        self.means.push(mean);
-        let half = self.means.len() / 2;
-        let earlier = half.checked_sub(1).and_then(|k| self.means.get(k));
-        self.settled = self.generation >= LEAST_GENERATIONS
-            && earlier.is_some_and(|&earlier| earlier - mean < SETTLED * mean);
-    }
-
     fn progress(&self, problem: &Problem) -> Progress {
         let best = |set: &[Island]| {
             f64::from(
@@ -293,7 +380,7 @@ impl Search {
     /// A task that the core refuses.
     pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
         let bounds = problem.settings.bounds(problem.dofs());
-        let islands = self.islands.chunks(self.left(problem).islands.max(1));
+        let islands = self.islands.chunks(problem.islands.max(1));
         let winner = |(set, islands): (&Vec<usize>, &[Island])| {
             let mut winner = Winner {
                 parameters: Vec::new(),
@@ -322,6 +409,84 @@ impl Search {
         };
         problem.sets.iter().zip(islands).map(winner).collect()
     }
+}
+
+/// A member of the population: its island, counted over all sets, and its number there.
+struct Place {
+    island: usize,
+    member: usize,
+}
+
+/// An island whose members are drawn anew, after `generation` generations.
+fn fresh(problem: &Problem, set: usize, number: usize, generation: u32) -> Island {
+    let mut island = Island::new(problem.genes());
+    for member in 0..ISLAND {
+        let draws = Draws {
+            seed: [problem.seed as u32, (problem.seed >> 32) as u32],
+            set: set as u32,
+            member: (number * ISLAND + member) as u32,
+            // Proposals count up from 0: these draws are no proposal's.
+            generation: !generation,
+        };
+        let genes = first(&draws, problem.genes());
+        for (row, gene) in island.genes.iter_mut().zip(genes) {
+            row[member] = gene;
+        }
+    }
+    island
+}
+
+/// The best genes and score of each set.
+fn bests(islands: &[Island], a_set: usize) -> Vec<(&[u32], f32)> {
+    islands
+        .chunks(a_set.max(1))
+        .filter_map(|islands| {
+            islands
+                .iter()
+                .min_by(|a, b| a.best_score.total_cmp(&b.best_score))
+        })
+        .map(|island| (island.best.as_slice(), island.best_score))
+        .collect()
+}
+
+/// The sets whose best has become better since it was last offered, and its genes.
+fn offers<'a>(islands: &'a [Island], a_set: usize, offered: &[f32]) -> Vec<(usize, &'a [u32])> {
+    bests(islands, a_set)
+        .into_iter()
+        .zip(offered)
+        .enumerate()
+        .filter(|(_, ((_, score), before))| score < before)
+        .map(|(set, ((genes, _), _))| (set, genes))
+        .collect()
+}
+
+/// What each set tries of the others' offers: those that score best on it as they are.
+fn guests(
+    problem: &Problem,
+    islands: &[Island],
+    offers: &[(usize, &[u32])],
+) -> Result<Vec<Start>, TaskError> {
+    let sets = islands.len() / problem.islands.max(1);
+    let asked: Vec<(usize, &[u32])> = (0..sets)
+        .flat_map(|set| {
+            let others = offers.iter().filter(move |(from, _)| *from != set);
+            others.map(move |&(_, genes)| (set, genes))
+        })
+        .collect();
+    let scores = scores(problem, &asked)?;
+    let mut scored: Vec<_> = asked.into_iter().zip(scores).collect();
+    // Stable: sets stay in order.
+    scored.sort_by(|a, b| a.0.0.cmp(&b.0.0).then(a.1.total_cmp(&b.1)));
+    let chosen = scored
+        .chunk_by(|a, b| a.0.0 == b.0.0)
+        .flat_map(|set| set.iter().take(DONORS));
+    Ok(chosen
+        .map(|&((set, genes), _)| Start {
+            set,
+            genes: genes.to_vec(),
+            nested: false,
+        })
+        .collect())
 }
 
 /// Gives a device the islands that there are now.
@@ -423,6 +588,7 @@ impl Checkpoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernel::anneal::UNSCORED;
     use crate::problem::{ModelKind, Settings, StepperKind};
     use crate::task::{Arm, Task, facing};
 
@@ -473,7 +639,7 @@ mod tests {
         run(&mut second, &problem, 70);
 
         assert_eq!(whole.islands, second.islands);
-        assert_eq!(whole.means, second.means);
+        assert_eq!(whole.bests, second.bests);
     }
 
     #[test]
@@ -524,28 +690,66 @@ mod tests {
     }
 
     #[test]
-    fn rounds_leave_the_best_islands_and_never_lose_the_best() {
+    fn rounds_never_lose_the_best_and_begin_the_worse_half_anew() {
         let problem = Problem {
             islands: 5,
             ..problem()
         };
         let mut search = Search::new(&problem);
-        run(&mut search, &problem, 127);
-        let least = |islands: &[Island]| {
-            islands
-                .iter()
-                .map(|island| island.best_score)
-                .fold(f32::INFINITY, f32::min)
-        };
-        let before: Vec<f32> = search.islands.chunks(5).map(least).collect();
-        run(&mut search, &problem, 160);
-        assert_eq!(search.islands.len(), 2 * 2);
-        for (set, before) in search.islands.chunks(2).zip(before) {
-            assert!(least(set) <= before);
+        let mut before = vec![f32::INFINITY; 2];
+        for round in 1..=4 {
+            run(&mut search, &problem, round * GENERATIONS_A_ROUND);
+            assert_eq!(search.islands.len(), 2 * 5);
+            let now = bests(&search.islands, 5);
+            for ((_, now), before) in now.iter().zip(&mut before) {
+                assert!(*now <= *before && *now < 1.0);
+                *before = *now;
+            }
+            for set in search.islands.chunks(5) {
+                let begun: Vec<bool> = set.iter().map(|one| one.scores[0] == UNSCORED).collect();
+                assert_eq!(begun, [false, false, false, true, true]);
+            }
         }
-        run(&mut search, &problem, 520);
-        assert_eq!(search.islands.len(), 2);
-        assert_eq!(search.evaluations, 64 * 2 * (128 * 5 + 384 * 2 + 8));
+    }
+
+    #[test]
+    fn a_round_that_is_stopped_is_taken_up_again() {
+        let problem = problem();
+        let mut whole = Search::new(&problem);
+        run(&mut whole, &problem, 2 * GENERATIONS_A_ROUND);
+        let mut cut = Search::new(&problem);
+        let stop = AtomicBool::new(false);
+        let ended = cut.run(
+            &problem,
+            &mut Backend::Cpu,
+            2 * GENERATIONS_A_ROUND,
+            &stop,
+            None,
+            |_| stop.store(true, Ordering::Relaxed),
+        );
+        assert_eq!(ended.unwrap(), Ended::Stopped);
+        // As if the stop had come between the generations and the descents.
+        let (mut ready, stop) = (cut.clone(), AtomicBool::new(true));
+        assert!(!ready.end_round(&problem, &stop).unwrap());
+        assert_eq!(ready, cut);
+        run(&mut ready, &problem, 2 * GENERATIONS_A_ROUND);
+        assert_eq!(ready.islands, whole.islands);
+    }
+
+    #[test]
+    fn a_richer_model_ends_no_worse_from_another_seed() {
+        for (poorer, richer) in [(ModelKind::A, ModelKind::B), (ModelKind::C, ModelKind::D)] {
+            let learned = |model, seed| {
+                let mut problem = problem();
+                (problem.settings.model, problem.seed) = (model, seed);
+                let mut search = Search::new(&problem);
+                run(&mut search, &problem, 4 * GENERATIONS_A_ROUND);
+                search.winners(&problem).unwrap()
+            };
+            for (poor, rich) in learned(poorer, 1).iter().zip(&learned(richer, 2)) {
+                assert!(rich.distances[0] <= poor.distances[0] + 1e-6);
+            }
+        }
     }
 
     #[test]

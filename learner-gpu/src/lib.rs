@@ -24,6 +24,7 @@ pub mod output;
 pub mod play;
 pub mod problem;
 pub mod recordings;
+pub mod refine;
 pub mod sample;
 pub mod synergies;
 pub mod synthesis;

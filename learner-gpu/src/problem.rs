@@ -117,6 +117,20 @@ impl Settings {
         }
     }
 
+    /// The model that lies within this one, if one does (S_A in S_B, S_C in S_D): for each parameter the number of that
+    /// of the smaller model which stands in its place.
+    pub fn nested(&self, dofs: usize) -> Option<Vec<usize>> {
+        match self.model {
+            ModelKind::A | ModelKind::C => None,
+            ModelKind::B => Some(vec![0; dofs]),
+            ModelKind::D => {
+                let gains = 0..dofs;
+                let others = [dofs, dofs + 1].into_iter().flat_map(|k| vec![k; dofs]);
+                Some(gains.chain(others).collect())
+            }
+        }
+    }
+
     /// The bounds of each parameter for `dofs` DoFs.
     pub fn bounds(&self, dofs: usize) -> Vec<(f32, f32)> {
         let model = Model::from(self.model);

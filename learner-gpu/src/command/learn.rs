@@ -40,10 +40,10 @@ pub struct Arguments {
     #[arg(long)]
     joint: bool,
     /// Members for each parameter vector to begin with, taken up to a multiple of 64; the best go on
-    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     population: u32,
     /// The most generations; it stops sooner once the population has settled
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     generations: u32,
     /// Seed of the random numbers
     #[arg(long, default_value_t = 1)]

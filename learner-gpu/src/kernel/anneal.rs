@@ -4,10 +4,11 @@ use fearless_simd::Simd;
 use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
-use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, first, parameter, propose};
+use super::proposal::{Draws, GENE, ISLAND, MOST_GENES, accepts, first, parameter, propose};
 use super::score::Ready;
 use crate::lanes::{Instructions, Lanes};
 use crate::problem::Settings;
+use crate::refine::Floor;
 
 /// The score of a member that has none yet: every score is better.
 pub const UNSCORED: f32 = 1e30;
@@ -33,6 +34,49 @@ impl Island {
             scores: vec![UNSCORED; ISLAND],
             best: vec![0; genes],
             best_score: UNSCORED,
+        }
+    }
+}
+
+impl Island {
+    /// A member's genes.
+    pub fn member(&self, member: usize) -> Vec<u32> {
+        self.genes.iter().map(|row| row[member]).collect()
+    }
+
+    /// `from`, moved by half the difference of a member and the one half an island further on.
+    pub fn leap(&self, from: &[u32], member: usize) -> Vec<u32> {
+        let other = (member + ISLAND / 2) % ISLAND;
+        let moved = |(&from, row): (&u32, &Vec<u32>)| {
+            let half = (row[member] as i32 - row[other] as i32) / 2;
+            (from as i32 + half).clamp(0, GENE as i32) as u32
+        };
+        from.iter().zip(&self.genes).map(moved).collect()
+    }
+
+    /// The member with the least score.
+    pub fn leader(&self) -> usize {
+        let by_score = |&a: &usize, &b: &usize| self.scores[a].total_cmp(&self.scores[b]);
+        (0..self.scores.len()).min_by(by_score).unwrap_or(0)
+    }
+
+    /// The member with the greatest score.
+    pub fn worst(&self) -> usize {
+        let by_score = |&a: &usize, &b: &usize| self.scores[a].total_cmp(&self.scores[b]);
+        (0..self.scores.len()).max_by(by_score).unwrap_or(0)
+    }
+
+    /// Puts what was found in a member's place, where it is better, and notes the best ever.
+    pub fn settle(&mut self, member: usize, floor: &Floor) {
+        if floor.score < self.scores[member] {
+            self.scores[member] = floor.score;
+            for (row, &gene) in self.genes.iter_mut().zip(&floor.genes) {
+                row[member] = gene;
+            }
+        }
+        if floor.score < self.best_score {
+            self.best_score = floor.score;
+            self.best.copy_from_slice(&floor.genes);
         }
     }
 }

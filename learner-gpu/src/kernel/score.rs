@@ -69,6 +69,26 @@ impl<T: Real, const N: usize> Ready<T, N> {
         }
     }
 
+    /// How far each landmark is in each frame from where it was recorded: x, y and z of the first landmark in frame 0, and
+    /// so on, metres. Nothing where the parameters are no synergy's.
+    #[inline(always)]
+    pub fn apart(&self, settings: &Settings, parameters: &[T], mut visit: impl FnMut(T)) {
+        let _ = self.synthesise(
+            settings,
+            parameters,
+            self.reference.len(),
+            #[inline(always)]
+            |frame, at, _| {
+                let recorded = self.reference.get(frame).into_iter().flatten();
+                for (landmark, recorded) in at.landmarks().zip(recorded) {
+                    for c in 0..3 {
+                        visit(landmark[c] - T::of(recorded[c]));
+                    }
+                }
+            },
+        );
+    }
+
     /// Runs the controller for `frames` frames, of which the first is the initial posture. `visit` sees each frame's
     /// number, forward kinematics and joint vector.
     ///
