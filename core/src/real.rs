@@ -216,11 +216,15 @@ impl Real for f64 {
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        libm::sincos(self.within(-crate::math::MOST_ANGLE, crate::math::MOST_ANGLE))
+        crate::math::sin_cos_f64(self)
+    }
+    #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        crate::math::sin_cos_within_f64(self)
     }
     #[inline(always)]
     fn exp(self) -> Self {
-        libm::exp(self.within(crate::math::LEAST_EXPONENT, crate::math::MOST_EXPONENT))
+        crate::math::exp_f64(self)
     }
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
