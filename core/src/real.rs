@@ -37,6 +37,10 @@ pub trait Real:
     /// The distance from 1 to the next number.
     const EPSILON: f64;
 
+    /// Whether a chain's sines and cosines are had faster all at once, in one loop that a compiler turns into lanes,
+    /// than each where it is used.
+    const AT_ONCE: bool = false;
+
     /// The nearest number to `x` (in every lane).
     fn of(x: f64) -> Self;
 
@@ -185,6 +189,7 @@ impl Real for f32 {
 impl Real for f64 {
     type Mask = bool;
     const EPSILON: f64 = f64::EPSILON;
+    const AT_ONCE: bool = true;
 
     #[inline(always)]
     fn of(x: f64) -> Self {
