@@ -1,5 +1,7 @@
 //! What the benchmarks share: the arms, the postures, and the same controller for every stepper.
 
+pub mod k;
+
 use nalgebra::SMatrix;
 use sinew::chain::{Chain, human_arm};
 use sinew::controller::{Controller, Limits};

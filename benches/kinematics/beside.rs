@@ -11,7 +11,7 @@ use std::time::Instant;
 use libloading::{Library, Symbol};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use sinew_benches::{
-    Everything, PANDA, forward, forward_and_jacobian, panda, panda_description, postures,
+    Everything, forward, forward_and_jacobian, k, panda, panda_description, postures,
 };
 
 /// Turns that everybody takes, after a tenth as many to warm up.
@@ -46,12 +46,12 @@ impl<'a> Contender<'a> {
 fn main() {
     let arm = panda();
     let postures = postures(&arm, CALLS);
-    let theirs = K::new();
+    let theirs = k::Panda::new();
     let pinocchio = pinocchio_library().map(Pinocchio::new);
 
     for q in &postures {
         let ours = forward_and_jacobian(&arm, q);
-        agrees("k", &ours, &theirs.everything(q));
+        agrees("k", &ours, &everything_by_k(&theirs, q));
         if let Some(pinocchio) = &pinocchio {
             for way in ["forward_and_jacobian", "forward_and_frame_jacobian"] {
                 agrees("Pinocchio", &ours, &pinocchio.everything(way, q));
@@ -143,50 +143,16 @@ fn agrees(who: &str, ours: &Everything, theirs: &Everything) {
     assert!(worst < 1e-10, "{who} differs by {worst}");
 }
 
-/// The crate `k`, used the cheapest way its interface has.
-struct K(k::SerialChain<f64>);
-
-impl K {
-    fn new() -> Self {
-        let robot = urdf_rs::read_from_string(PANDA).expect("it is a robot");
-        let chain = k::Chain::<f64>::from(robot);
-        K(k::SerialChain::from_end(
-            chain.find("flange").expect("it has a flange"),
-        ))
-    }
-
-    fn forward(&self, q: &[f64; 7]) -> k::Isometry3<f64> {
-        self.0.set_joint_positions_unchecked(q);
-        self.0.end_transform()
-    }
-
-    /// Its Jacobian brings the frames' transforms with it.
-    fn forward_and_jacobian(
-        &self,
-        q: &[f64; 7],
-    ) -> (k::nalgebra::DMatrix<f64>, Option<k::Isometry3<f64>>) {
-        self.0.set_joint_positions_unchecked(q);
-        let jacobian = k::jacobian(&self.0);
-        (
-            jacobian,
-            self.0.iter().last().and_then(k::Node::world_transform),
-        )
-    }
-
-    fn everything(&self, q: &[f64; 7]) -> Everything {
-        let pose = self.forward(q);
-        let (jacobian, again) = self.forward_and_jacobian(q);
-        assert!(
-            again.is_some_and(
-                |again| (again.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-12
-            )
-        );
-        (
-            pose.translation.vector.into(),
-            pose.rotation.to_rotation_matrix().into_inner().into(),
-            SMatrix::from_fn(|r, c| jacobian[(r, c)]),
-        )
-    }
+fn everything_by_k(panda: &k::Panda, q: &[f64; 7]) -> Everything {
+    let pose = panda.forward(q);
+    let (jacobian, again) = panda.forward_and_jacobian(q);
+    let again = again.expect("it has just been computed");
+    assert!((again.to_homogeneous() - pose.to_homogeneous()).norm() < 1e-12);
+    (
+        pose.translation.vector.into(),
+        pose.rotation.to_rotation_matrix().into_inner().into(),
+        SMatrix::from_fn(|r, c| jacobian[(r, c)]),
+    )
 }
 
 /// The library that `--pinocchio` names.
