@@ -19,11 +19,13 @@ const TURNS: usize = 2000;
 /// Calls in one turn: short, so that whatever else the machine does meets everybody alike.
 const CALLS: u32 = 128;
 
+/// Computes all postures once.
+type Turn<'a> = dyn FnMut(&[[f64; 7]]) + 'a;
+
 /// Who is timed at one of the two tasks.
 struct Contender<'a> {
     name: &'static str,
-    /// Computes all postures once.
-    turn: Box<dyn FnMut(&[[f64; 7]]) + 'a>,
+    turn: Box<Turn<'a>>,
     /// Nanoseconds a call, turn by turn.
     times: Vec<f64>,
 }

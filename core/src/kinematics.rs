@@ -56,17 +56,17 @@ impl<T: Real, const N: usize> Chain<T, N> {
         // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores.
         let mut axis = [axes[2]; N];
         let mut origin = [at; N];
-        let mut angles = [(T::zero(), T::zero()); N];
+        let mut at_once = [(T::zero(), T::zero()); N];
         if T::AT_ONCE {
             for i in 0..N {
-                angles[i] = sine_and_cosine::<T, WITHIN>(q[i]);
+                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
             }
         }
         for i in 0..N {
             let link = &self.links[i];
             at = moved(at, &axes, &link.shift);
             axes = turned_by(axes, &link.turn);
-            (axes, axis[i]) = through::<T, WITHIN>(axes, link, q[i], angles[i]);
+            (axes, axis[i]) = through::<T, WITHIN>(axes, link, (q[i], at_once[i]));
             if link.kind == Kind::Prismatic {
                 at = add(at, scale(axis[i], q[i]));
             }
@@ -103,7 +103,7 @@ fn turned_by<T: Real>(axes: Axes<T>, turn: &Turn<T>) -> Axes<T> {
     }
 }
 
-/// `WITHIN`: an angle is known to lie within ±`MOST_ANGLE`.
+/// Sine and cosine; `WITHIN`: the angle is known to lie within ±`MOST_ANGLE`.
 #[inline(always)]
 fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
     if WITHIN {
@@ -113,23 +113,25 @@ fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
     }
 }
 
-/// The axes after a DoF's own motion, and its axis. `angle` is the sine and cosine of q where they are had at once.
+/// q, and its sine and cosine where a scalar has them [at once](Real::AT_ONCE).
+type Angle<T> = (T, (T, T));
+
+/// The axes after a DoF's own motion, and its axis.
 #[inline(always)]
 fn through<T: Real, const WITHIN: bool>(
     axes: Axes<T>,
     link: &Link<T>,
-    q: T,
-    angle: (T, T),
+    q: Angle<T>,
 ) -> (Axes<T>, Vec3<T>) {
     let kind = link.kind;
     // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
     match (link.axis, link.flip) {
-        (0, false) => (about::<T, 1, 2, WITHIN>(axes, kind, q, angle), axes[0]),
-        (1, false) => (about::<T, 2, 0, WITHIN>(axes, kind, q, angle), axes[1]),
-        (_, false) => (about::<T, 0, 1, WITHIN>(axes, kind, q, angle), axes[2]),
-        (0, true) => (about::<T, 2, 1, WITHIN>(axes, kind, q, angle), negate(axes[0])),
-        (1, true) => (about::<T, 0, 2, WITHIN>(axes, kind, q, angle), negate(axes[1])),
-        (_, true) => (about::<T, 1, 0, WITHIN>(axes, kind, q, angle), negate(axes[2])),
+        (0, false) => (about::<T, 1, 2, WITHIN>(axes, kind, q), axes[0]),
+        (1, false) => (about::<T, 2, 0, WITHIN>(axes, kind, q), axes[1]),
+        (_, false) => (about::<T, 0, 1, WITHIN>(axes, kind, q), axes[2]),
+        (0, true) => (about::<T, 2, 1, WITHIN>(axes, kind, q), negate(axes[0])),
+        (1, true) => (about::<T, 0, 2, WITHIN>(axes, kind, q), negate(axes[1])),
+        (_, true) => (about::<T, 1, 0, WITHIN>(axes, kind, q), negate(axes[2])),
     }
 }
 
@@ -138,12 +140,11 @@ fn through<T: Real, const WITHIN: bool>(
 fn about<T: Real, const A: usize, const B: usize, const WITHIN: bool>(
     mut axes: Axes<T>,
     kind: Kind,
-    q: T,
-    angle: (T, T),
+    (q, at_once): Angle<T>,
 ) -> Axes<T> {
     if kind == Kind::Revolute {
         let (s, c) = if T::AT_ONCE {
-            angle
+            at_once
         } else {
             sine_and_cosine::<T, WITHIN>(q)
         };
