@@ -56,11 +56,17 @@ impl<T: Real, const N: usize> Chain<T, N> {
         // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores.
         let mut axis = [axes[2]; N];
         let mut origin = [at; N];
+        let mut at_once = [(T::zero(), T::zero()); N];
+        if T::AT_ONCE {
+            for i in 0..N {
+                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
+            }
+        }
         for i in 0..N {
             let link = &self.links[i];
             at = moved(at, &axes, &link.shift);
             axes = turned_by(axes, &link.turn);
-            (axes, axis[i]) = through::<T, WITHIN>(axes, link, q[i]);
+            (axes, axis[i]) = through::<T, WITHIN>(axes, link, (q[i], at_once[i]));
             if link.kind == Kind::Prismatic {
                 at = add(at, scale(axis[i], q[i]));
             }
@@ -97,9 +103,26 @@ fn turned_by<T: Real>(axes: Axes<T>, turn: &Turn<T>) -> Axes<T> {
     }
 }
 
-/// The axes after a DoF's own motion, and its axis. `WITHIN`: an angle is known to lie within ±`MOST_ANGLE`.
+/// Sine and cosine; `WITHIN`: the angle is known to lie within ±`MOST_ANGLE`.
 #[inline(always)]
-fn through<T: Real, const WITHIN: bool>(axes: Axes<T>, link: &Link<T>, q: T) -> (Axes<T>, Vec3<T>) {
+fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
+    if WITHIN {
+        q.sin_cos_within()
+    } else {
+        Real::sin_cos(q)
+    }
+}
+
+/// q, and its sine and cosine where a scalar has them [at once](Real::AT_ONCE).
+type Angle<T> = (T, (T, T));
+
+/// The axes after a DoF's own motion, and its axis.
+#[inline(always)]
+fn through<T: Real, const WITHIN: bool>(
+    axes: Axes<T>,
+    link: &Link<T>,
+    q: Angle<T>,
+) -> (Axes<T>, Vec3<T>) {
     let kind = link.kind;
     // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
     match (link.axis, link.flip) {
@@ -117,13 +140,13 @@ fn through<T: Real, const WITHIN: bool>(axes: Axes<T>, link: &Link<T>, q: T) -> 
 fn about<T: Real, const A: usize, const B: usize, const WITHIN: bool>(
     mut axes: Axes<T>,
     kind: Kind,
-    q: T,
+    (q, at_once): Angle<T>,
 ) -> Axes<T> {
     if kind == Kind::Revolute {
-        let (s, c) = if WITHIN {
-            q.sin_cos_within()
+        let (s, c) = if T::AT_ONCE {
+            at_once
         } else {
-            Real::sin_cos(q)
+            sine_and_cosine::<T, WITHIN>(q)
         };
         let (a, b) = (axes[A], axes[B]);
         axes[A] = add(scale(a, c), scale(b, s));

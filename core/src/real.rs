@@ -37,6 +37,10 @@ pub trait Real:
     /// The distance from 1 to the next number.
     const EPSILON: f64;
 
+    /// Whether a chain's sines and cosines are had faster all at once, in one loop that a compiler turns into lanes,
+    /// than each where it is used.
+    const AT_ONCE: bool = false;
+
     /// The nearest number to `x` (in every lane).
     fn of(x: f64) -> Self;
 
@@ -185,6 +189,7 @@ impl Real for f32 {
 impl Real for f64 {
     type Mask = bool;
     const EPSILON: f64 = f64::EPSILON;
+    const AT_ONCE: bool = true;
 
     #[inline(always)]
     fn of(x: f64) -> Self {
@@ -216,11 +221,15 @@ impl Real for f64 {
     }
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        libm::sincos(self.within(-crate::math::MOST_ANGLE, crate::math::MOST_ANGLE))
+        crate::math::sin_cos_f64(self)
+    }
+    #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        crate::math::sin_cos_within_f64(self)
     }
     #[inline(always)]
     fn exp(self) -> Self {
-        libm::exp(self.within(crate::math::LEAST_EXPONENT, crate::math::MOST_EXPONENT))
+        crate::math::exp_f64(self)
     }
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
