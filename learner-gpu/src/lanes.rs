@@ -49,6 +49,12 @@ impl<S: Instructions> Lanes<S> {
         Lanes(S::f32s::from_slice(S::proof(), values))
     }
 
+    /// `self`·`by` + `plus`, rounded once where the machine has that: not the bits of [`Real`]'s operators.
+    #[inline(always)]
+    pub fn times_plus(self, by: Self, plus: Self) -> Self {
+        Lanes(self.0.mul_add(by.0, plus.0))
+    }
+
     /// The numbers, into a slice of as many.
     #[inline(always)]
     pub fn store(self, values: &mut [f32]) {
@@ -177,20 +183,67 @@ macro_rules! dispatch {
 }
 pub(crate) use dispatch;
 
+/// A level of SIMD instructions that this machine has.
+#[derive(Clone, Copy, Debug)]
+pub struct SimdLevel(pub(crate) Level);
+
+impl SimdLevel {
+    /// The widest.
+    pub fn widest() -> Self {
+        SimdLevel(Level::new())
+    }
+
+    /// All that lanes are compiled for, the narrowest first.
+    pub fn all() -> Vec<Self> {
+        let widest = Level::new();
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        let levels = [
+            widest.as_sse2().map(Level::Sse2),
+            widest.as_avx2().map(Level::Avx2),
+            widest.as_avx512().map(Level::Avx512),
+        ];
+        #[cfg(target_arch = "aarch64")]
+        let levels = [Some(widest)];
+        levels.into_iter().flatten().map(SimdLevel).collect()
+    }
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            Level::Avx512(_) => "AVX-512",
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            Level::Avx2(_) => "AVX2",
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            _ => "SSE2",
+            #[cfg(target_arch = "aarch64")]
+            _ => "NEON",
+        }
+    }
+
+    /// How many `f32` its registers hold.
+    pub fn lanes(self) -> usize {
+        dispatch!(self.0, S => Lanes::<S>::COUNT)
+    }
+}
+
 /// What the CPU path runs on: the widest SIMD this machine has, and the threads.
 pub fn describe() -> String {
-    let (name, width) = match Level::new() {
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        Level::Avx512(_) => ("AVX-512", 16),
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        Level::Avx2(_) => ("AVX2", 8),
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        _ => ("SSE2", 4),
-        #[cfg(target_arch = "aarch64")]
-        _ => ("NEON", 4),
-    };
+    let level = SimdLevel::widest();
     format!(
-        "{name}, {width} lanes, {} threads",
+        "{}, {} lanes, {} threads",
+        level.name(),
+        level.lanes(),
         rayon::current_num_threads()
     )
+}
+
+/// What the processor calls itself, where the system says.
+pub fn processor() -> String {
+    let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = about
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    name.map_or(std::env::consts::ARCH, |(_, name)| name)
+        .to_owned()
 }

@@ -8,9 +8,11 @@
 //! - [`kernel`]: what runs for every member in every generation
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`learn`]: the search from beginning to end
+//! - [`bench`]: how fast each of the places is
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
+pub mod bench;
 pub mod chain;
 pub mod cpu;
 pub mod csv;

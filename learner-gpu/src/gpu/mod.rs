@@ -14,6 +14,7 @@ mod group;
 mod kernel;
 mod motions;
 mod pace;
+pub mod peak;
 #[cfg(test)]
 mod tests;
 
