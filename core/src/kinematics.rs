@@ -44,35 +44,38 @@ impl<T: Real, const N: usize> Chain<T, N> {
         self.pass::<false>(q)
     }
 
-    /// [`forward`](Self::forward) for angles that are known to lie within ±[`MOST_ANGLE`](crate::math::MOST_ANGLE).
+    /// [`forward`](Self::forward), the same bits, for angles that are known to lie within
+    /// ±[`MOST_ANGLE`](crate::math::MOST_ANGLE), as those of a controller's state do.
     #[inline(always)]
-    pub(crate) fn forward_within(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
+    pub fn forward_within(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
         self.pass::<true>(q)
     }
 
     #[inline(always)]
     fn pass<const WITHIN: bool>(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
         let (mut axes, mut at) = self.base;
-        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores.
-        let mut axis = [axes[2]; N];
-        let mut origin = [at; N];
+        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores. Written in
+        // place: arrays moved in at the end are copied.
+        let mut out = Kinematics {
+            chain: self,
+            axis: [axes[2]; N],
+            origin: [at; N],
+            tip: at,
+            last: axes,
+        };
         for i in 0..N {
             let link = &self.links[i];
             at = moved(at, &axes, &link.shift);
             axes = turned_by(axes, &link.turn);
-            (axes, axis[i]) = through::<T, WITHIN>(axes, link, q[i]);
+            (axes, out.axis[i]) = through::<T, WITHIN>(axes, link, q[i]);
             if link.kind == Kind::Prismatic {
-                at = add(at, scale(axis[i], q[i]));
+                at = add(at, scale(out.axis[i], q[i]));
             }
-            origin[i] = at;
+            out.origin[i] = at;
         }
-        Kinematics {
-            chain: self,
-            axis,
-            origin,
-            tip: moved(at, &axes, &self.tip.1),
-            last: axes,
-        }
+        out.tip = moved(at, &axes, &self.tip.1);
+        out.last = axes;
+        out
     }
 }
 
@@ -100,31 +103,31 @@ fn turned_by<T: Real>(axes: Axes<T>, turn: &Turn<T>) -> Axes<T> {
 /// The axes after a DoF's own motion, and its axis. `WITHIN`: an angle is known to lie within ±`MOST_ANGLE`.
 #[inline(always)]
 fn through<T: Real, const WITHIN: bool>(axes: Axes<T>, link: &Link<T>, q: T) -> (Axes<T>, Vec3<T>) {
-    let kind = link.kind;
-    // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
-    match (link.axis, link.flip) {
-        (0, false) => (about::<T, 1, 2, WITHIN>(axes, kind, q), axes[0]),
-        (1, false) => (about::<T, 2, 0, WITHIN>(axes, kind, q), axes[1]),
-        (_, false) => (about::<T, 0, 1, WITHIN>(axes, kind, q), axes[2]),
-        (0, true) => (about::<T, 2, 1, WITHIN>(axes, kind, q), negate(axes[0])),
-        (1, true) => (about::<T, 0, 2, WITHIN>(axes, kind, q), negate(axes[1])),
-        (_, true) => (about::<T, 1, 0, WITHIN>(axes, kind, q), negate(axes[2])),
-    }
-}
-
-/// The axes after a turn by q that moves axis A towards B; untouched where the DoF slides.
-#[inline(always)]
-fn about<T: Real, const A: usize, const B: usize, const WITHIN: bool>(
-    mut axes: Axes<T>,
-    kind: Kind,
-    q: T,
-) -> Axes<T> {
-    if kind == Kind::Revolute {
-        let (s, c) = if WITHIN {
+    let turn = (link.kind == Kind::Revolute).then(|| {
+        if WITHIN {
             q.sin_cos_within()
         } else {
             Real::sin_cos(q)
-        };
+        }
+    });
+    // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
+    match (link.axis, link.flip) {
+        (0, false) => (about::<T, 1, 2>(axes, turn), axes[0]),
+        (1, false) => (about::<T, 2, 0>(axes, turn), axes[1]),
+        (_, false) => (about::<T, 0, 1>(axes, turn), axes[2]),
+        (0, true) => (about::<T, 2, 1>(axes, turn), negate(axes[0])),
+        (1, true) => (about::<T, 0, 2>(axes, turn), negate(axes[1])),
+        (_, true) => (about::<T, 1, 0>(axes, turn), negate(axes[2])),
+    }
+}
+
+/// The axes after a turn, by its sine and cosine, that moves axis A towards B; untouched where the DoF slides.
+#[inline(always)]
+fn about<T: Real, const A: usize, const B: usize>(
+    mut axes: Axes<T>,
+    turn: Option<(T, T)>,
+) -> Axes<T> {
+    if let Some((s, c)) = turn {
         let (a, b) = (axes[A], axes[B]);
         axes[A] = add(scale(a, c), scale(b, s));
         axes[B] = sub(scale(b, c), scale(a, s));

@@ -6,7 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdMask};
-use sinew::math::{Whole, exp_of, sin_cos_of};
+use sinew::math::{Whole, exp_of, sin_cos_of, sin_cos_within_of};
 use sinew::real::Real;
 
 /// A level of SIMD instructions whose proof of presence can be had again where it was given once.
@@ -118,6 +118,10 @@ impl<S: Instructions> Real for Lanes<S> {
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         sin_cos_of(self)
+    }
+    #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        sin_cos_within_of(self)
     }
     #[inline(always)]
     fn exp(self) -> Self {

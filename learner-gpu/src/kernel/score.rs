@@ -90,7 +90,7 @@ impl<T: Real, const N: usize> Ready<T, N> {
         let mut state = controller.start(self.initial);
         for frame in 0..frames {
             // One forward kinematics a frame, for who looks on and for the tick.
-            let at = self.chain.forward(state.angles());
+            let at = self.chain.forward_within(state.angles());
             visit(frame, &at, state.angles());
             if frame + 1 < frames {
                 controller.advance(&mut state, &at, &self.target);
