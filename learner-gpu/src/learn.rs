@@ -324,6 +324,19 @@ impl Search {
     }
 }
 
+/// Round after round of a search: how many islands of each set run, and for how many of its generations.
+pub(crate) fn rounds(islands: usize, generations: u32) -> Vec<(usize, u32)> {
+    let (mut at, mut left, mut rounds) = (0, islands, Vec::new());
+    for end in ROUNDS.into_iter().chain([generations]) {
+        let end = end.clamp(at, generations.max(at));
+        if at < end {
+            rounds.push((left, end - at));
+        }
+        (at, left) = (end, left.div_ceil(4));
+    }
+    rounds
+}
+
 /// Gives a device the islands that there are now.
 fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Result<(), LearnError> {
     match backend {
@@ -546,6 +559,13 @@ mod tests {
         run(&mut search, &problem, 520);
         assert_eq!(search.islands.len(), 2);
         assert_eq!(search.evaluations, 64 * 2 * (128 * 5 + 384 * 2 + 8));
+    }
+
+    #[test]
+    fn rounds_have_all_the_generations_and_a_quarter_of_the_islands_each() {
+        assert_eq!(rounds(32, 2000), [(32, 128), (8, 384), (2, 1488)]);
+        assert_eq!(rounds(1, 200), [(1, 128), (1, 72)]);
+        assert_eq!(rounds(5, 100), [(5, 100)]);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! - [`problem`]: what is to be learned, and how the controller is set
 //! - [`kernel`]: what runs for every member in every generation
 //! - [`cpu`], [`gpu`]: where it runs
+//! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
 //! - [`bench`]: how fast each of the places is
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
@@ -14,6 +15,7 @@
 
 pub mod bench;
 pub mod chain;
+pub mod choice;
 pub mod cpu;
 pub mod csv;
 pub mod export;
