@@ -35,6 +35,9 @@ const ROUNDS: [u32; 2] = [128, 512];
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
 
+/// The islands are brought to the host at least this often, seconds: no more is lost when a device is.
+const READ_EVERY: f64 = 2.0;
+
 /// What goes wrong while learning.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -136,39 +139,58 @@ impl Search {
     ) -> Result<Ended, LearnError> {
         let before = self.seconds;
         let began = Instant::now();
-        let mut saved = 0.0;
+        let (mut saved, mut read) = (0.0, 0.0);
+        let mut held = self.held();
         let mut left = self.left(problem);
         if self.generation > 0
             && let Err(error) = put_on(backend, &left, &self.islands)
         {
-            report(Err(self.fall_back(backend, error)?));
+            report(Err(self.fall_back(backend, &held, error)?));
         }
         while !self.settled && self.generation < generations {
             let look = (self.generation / GENERATIONS_A_LOOK + 1) * GENERATIONS_A_LOOK;
-            if let Err(error) = self.advance(&left, backend, look.min(generations), stop) {
-                // What is here is the last read-back, whole: nothing but the time since is lost.
-                report(Err(self.fall_back(backend, error)?));
-                continue;
-            }
+            let advanced = self.advance(&left, backend, look.min(generations), stop);
+            let mut summaries = match advanced {
+                Ok(summaries) => summaries,
+                Err(error) => {
+                    // What is here is the last read-back, whole: nothing but the time since is lost.
+                    report(Err(self.fall_back(backend, &held, error)?));
+                    continue;
+                }
+            };
             let elapsed = began.elapsed().as_secs_f64();
             self.seconds = before + elapsed;
             // A stop can end an advance where it began: a round that has ended does not end again.
-            if self.generation == look && self.cull(&left) {
-                left = self.left(problem);
-                if let Err(error) = put_on(backend, &left, &self.islands) {
-                    report(Err(self.fall_back(backend, error)?));
+            if self.generation == look && self.ends_a_round(&left) {
+                if let Err(error) = self.read_back(backend) {
+                    report(Err(self.fall_back(backend, &held, error)?));
+                    continue;
                 }
+                self.cull(&left);
+                left = self.left(problem);
+                (read, held) = (elapsed, self.held());
+                if let Err(error) = put_on(backend, &left, &self.islands) {
+                    report(Err(self.fall_back(backend, &held, error)?));
+                }
+                summaries = self.islands.iter().map(summary).collect();
             }
-            let progress = self.progress(&left);
+            let progress = progress(self.generation, &left, &summaries);
             if self.generation == look {
                 self.look(progress.mean);
             }
+            let stopped = stop.load(Ordering::Relaxed) && self.generation < generations;
+            let save = checkpoint.filter(|_| stopped || elapsed - saved > CHECKPOINT_EVERY);
+            let over = stopped || self.settled || self.generation == generations;
+            if save.is_some() || over || elapsed - read > READ_EVERY {
+                if let Err(error) = self.read_back(backend) {
+                    report(Err(self.fall_back(backend, &held, error)?));
+                    continue;
+                }
+                (read, held) = (elapsed, self.held());
+            }
             report(Ok(progress));
 
-            let stopped = stop.load(Ordering::Relaxed) && self.generation < generations;
-            if let Some(checkpoint) = checkpoint
-                && (stopped || elapsed - saved > CHECKPOINT_EVERY)
-            {
+            if let Some(checkpoint) = save {
                 checkpoint.write(self)?;
                 saved = elapsed;
             }
@@ -183,11 +205,20 @@ impl Search {
         })
     }
 
-    /// Goes on with the CPU where that is allowed, and says so.
-    fn fall_back(&self, backend: &mut Backend, error: LearnError) -> Result<String, LearnError> {
+    /// Goes on with the CPU where that is allowed, from where the islands were read back last, and says so.
+    fn fall_back(
+        &mut self,
+        backend: &mut Backend,
+        held: &Held,
+        error: LearnError,
+    ) -> Result<String, LearnError> {
         match (&*backend, error) {
             (Backend::Gpu { or_cpu: true, .. }, LearnError::Gpu(error)) => {
                 *backend = Backend::Cpu;
+                self.generation = held.generation;
+                self.evaluations = held.evaluations;
+                self.means.truncate(held.looks);
+                self.settled = false;
                 let generation = self.generation;
                 Ok(format!(
                     "{error}; going on with the CPU from generation {generation}"
@@ -195,6 +226,23 @@ impl Search {
             }
             (_, error) => Err(error),
         }
+    }
+
+    /// How far the islands that are here now are.
+    fn held(&self) -> Held {
+        Held {
+            generation: self.generation,
+            evaluations: self.evaluations,
+            looks: self.means.len(),
+        }
+    }
+
+    /// Brings the islands here from where they run.
+    fn read_back(&mut self, backend: &mut Backend) -> Result<(), LearnError> {
+        if let Backend::Gpu { device, .. } = backend {
+            self.islands = device.islands()?;
+        }
+        Ok(())
     }
 
     /// The problem as it is for the islands that are left.
@@ -206,44 +254,44 @@ impl Search {
         }
     }
 
-    /// Ends a round, where one ends here: the best islands of each set go on. Whether there are fewer now.
-    fn cull(&mut self, problem: &Problem) -> bool {
+    /// Whether a round ends here that leaves fewer islands.
+    fn ends_a_round(&self, problem: &Problem) -> bool {
+        ROUNDS.contains(&self.generation) && problem.islands > 1
+    }
+
+    /// Ends a round: the best islands of each set go on.
+    fn cull(&mut self, problem: &Problem) {
         let kept = problem.islands.div_ceil(4);
-        if !ROUNDS.contains(&self.generation) || kept == problem.islands {
-            return false;
-        }
         let mut left = Vec::with_capacity(kept * problem.sets.len());
         for set in self.islands.chunks_mut(problem.islands) {
             set.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
             left.extend(set.iter().take(kept).cloned());
         }
         self.islands = left;
-        true
     }
 
+    /// Runs to a generation: what there is to say of each island then.
     fn advance(
         &mut self,
         problem: &Problem,
         backend: &mut Backend,
         to: u32,
         stop: &AtomicBool,
-    ) -> Result<(), LearnError> {
+    ) -> Result<Vec<(f32, f32)>, LearnError> {
         let from = self.generation;
-        match backend {
+        let (reached, summaries) = match backend {
             Backend::Cpu => {
-                self.generation =
-                    cpu::advance(problem, &mut self.islands, self.generation, to, stop)?;
+                let reached = cpu::advance(problem, &mut self.islands, from, to, stop)?;
+                (reached, self.islands.iter().map(summary).collect())
             }
-            Backend::Gpu { device, .. } => {
-                let reached = device.advance(self.generation, to, stop)?;
-                self.islands = device.islands()?;
-                self.generation = reached;
-            }
-        }
+            // The islands stay there: of a large population only the summaries are moved at every look.
+            Backend::Gpu { device, .. } => (device.advance(from, to, stop)?, device.summary()?),
+        };
+        self.generation = reached;
         let motions: usize = problem.sets.iter().map(Vec::len).sum();
         self.evaluations +=
             u64::from(self.generation - from) * (problem.population() * motions) as u64;
-        Ok(())
+        Ok(summaries)
     }
 
     /// Whether every island has as many members and genes as it should.
@@ -263,27 +311,6 @@ impl Search {
         let earlier = half.checked_sub(1).and_then(|k| self.means.get(k));
         self.settled = self.generation >= LEAST_GENERATIONS
             && earlier.is_some_and(|&earlier| earlier - mean < SETTLED * mean);
-    }
-
-    fn progress(&self, problem: &Problem) -> Progress {
-        let best = |set: &[Island]| {
-            f64::from(
-                set.iter()
-                    .map(|island| island.best_score)
-                    .fold(f32::INFINITY, f32::min),
-            )
-        };
-        let sets = self.islands.chunks(problem.islands.max(1));
-        let members = self
-            .islands
-            .iter()
-            .flat_map(|island| &island.scores)
-            .map(|&score| f64::from(score));
-        Progress {
-            generation: self.generation,
-            best: sets.map(best).sum::<f64>() / problem.sets.len().max(1) as f64,
-            mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
-        }
     }
 
     /// Each set's best parameters, chosen among its islands' bests by the core in `f64`, with the distance in metres
@@ -321,6 +348,34 @@ impl Search {
             Ok(winner)
         };
         problem.sets.iter().zip(islands).map(winner).collect()
+    }
+}
+
+/// How far the islands are that are on the host, and what goes with them.
+struct Held {
+    generation: u32,
+    evaluations: u64,
+    looks: usize,
+}
+
+/// An island's best score ever, and its members' mean score, metres: summed as `anneal.wgsl` does.
+fn summary(island: &Island) -> (f32, f32) {
+    let sum = island.scores.iter().fold(0.0, |sum, score| sum + score);
+    (island.best_score, sum / ISLAND as f32)
+}
+
+/// How it goes, from each island's summary.
+fn progress(generation: u32, problem: &Problem, summaries: &[(f32, f32)]) -> Progress {
+    let best = |set: &[(f32, f32)]| {
+        let bests = set.iter().map(|&(best, _)| best);
+        f64::from(bests.fold(f32::INFINITY, f32::min))
+    };
+    let sets = summaries.chunks(problem.islands.max(1));
+    let means = summaries.iter().map(|&(_, mean)| f64::from(mean));
+    Progress {
+        generation,
+        best: sets.map(best).sum::<f64>() / problem.sets.len().max(1) as f64,
+        mean: means.sum::<f64>() / summaries.len().max(1) as f64,
     }
 }
 
