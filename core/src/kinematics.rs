@@ -53,7 +53,7 @@ impl<T: Real, const N: usize> Chain<T, N> {
 
     #[inline(always)]
     fn pass<const WITHIN: bool>(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
-        let (mut axes, mut at) = self.base;
+        let (axes, at) = self.base;
         // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores. Written in
         // place: arrays moved in at the end are copied.
         let mut out = Kinematics {
@@ -63,18 +63,7 @@ impl<T: Real, const N: usize> Chain<T, N> {
             tip: at,
             last: axes,
         };
-        for i in 0..N {
-            let link = &self.links[i];
-            at = moved(at, &axes, &link.shift);
-            axes = turned_by(axes, &link.turn);
-            (axes, out.axis[i]) = through::<T, WITHIN>(axes, link, q[i]);
-            if link.kind == Kind::Prismatic {
-                at = add(at, scale(out.axis[i], q[i]));
-            }
-            out.origin[i] = at;
-        }
-        out.tip = moved(at, &axes, &self.tip.1);
-        out.last = axes;
+        out.put::<WITHIN>(q);
         out
     }
 }
@@ -136,6 +125,31 @@ fn about<T: Real, const A: usize, const B: usize>(
 }
 
 impl<T: Real, const N: usize> Kinematics<'_, T, N> {
+    /// Moves to another joint vector of the chain: what [`Chain::forward_within`] computes, the same bits, without an
+    /// array to fill first.
+    #[inline(always)]
+    pub fn move_within(&mut self, q: &[T; N]) {
+        self.put::<true>(q);
+    }
+
+    #[inline(always)]
+    fn put<const WITHIN: bool>(&mut self, q: &[T; N]) {
+        let chain = self.chain;
+        let (mut axes, mut at) = chain.base;
+        for i in 0..N {
+            let link = &chain.links[i];
+            at = moved(at, &axes, &link.shift);
+            axes = turned_by(axes, &link.turn);
+            (axes, self.axis[i]) = through::<T, WITHIN>(axes, link, q[i]);
+            if link.kind == Kind::Prismatic {
+                at = add(at, scale(self.axis[i], q[i]));
+            }
+            self.origin[i] = at;
+        }
+        self.tip = moved(at, &axes, &chain.tip.1);
+        self.last = axes;
+    }
+
     /// The tip's position.
     #[inline(always)]
     pub fn tip(&self) -> Vec3<T> {

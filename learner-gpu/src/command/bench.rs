@@ -269,6 +269,12 @@ fn measured(
             None => return Ok(None),
         }
     }
+    // Again, in case something else ran the first time.
+    for (path, peak) in report.paths.iter().zip(&mut report.peaks) {
+        if let (Ok(before), Ok(after)) = (&*peak, path.peak(0.2)) {
+            *peak = Ok(before.max(after));
+        }
+    }
     bar.finish_and_clear();
     Ok(Some(report))
 }
