@@ -44,41 +44,27 @@ impl<T: Real, const N: usize> Chain<T, N> {
         self.pass::<false>(q)
     }
 
-    /// [`forward`](Self::forward) for angles that are known to lie within ±[`MOST_ANGLE`](crate::math::MOST_ANGLE).
+    /// [`forward`](Self::forward), the same bits, for angles that are known to lie within
+    /// ±[`MOST_ANGLE`](crate::math::MOST_ANGLE), as those of a controller's state do.
     #[inline(always)]
-    pub(crate) fn forward_within(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
+    pub fn forward_within(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
         self.pass::<true>(q)
     }
 
     #[inline(always)]
     fn pass<const WITHIN: bool>(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
-        let (mut axes, mut at) = self.base;
-        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores.
-        let mut axis = [axes[2]; N];
-        let mut origin = [at; N];
-        let mut at_once = [(T::zero(), T::zero()); N];
-        if T::AT_ONCE {
-            for i in 0..N {
-                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
-            }
-        }
-        for i in 0..N {
-            let link = &self.links[i];
-            at = moved(at, &axes, &link.shift);
-            axes = turned_by(axes, &link.turn);
-            (axes, axis[i]) = through::<T, WITHIN>(axes, link, (q[i], at_once[i]));
-            if link.kind == Kind::Prismatic {
-                at = add(at, scale(axis[i], q[i]));
-            }
-            origin[i] = at;
-        }
-        Kinematics {
+        let (axes, at) = self.base;
+        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores. Written in
+        // place: arrays moved in at the end are copied.
+        let mut out = Kinematics {
             chain: self,
-            axis,
-            origin,
-            tip: moved(at, &axes, &self.tip.1),
+            axis: [axes[2]; N],
+            origin: [at; N],
+            tip: at,
             last: axes,
-        }
+        };
+        out.put::<WITHIN>(q);
+        out
     }
 }
 
@@ -113,41 +99,27 @@ fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
     }
 }
 
-/// q, and its sine and cosine where a scalar has them [at once](Real::AT_ONCE).
-type Angle<T> = (T, (T, T));
-
-/// The axes after a DoF's own motion, and its axis.
+/// The axes after a DoF's own motion, and its axis. The motion is a turn by an angle of this sine and cosine, or none.
 #[inline(always)]
-fn through<T: Real, const WITHIN: bool>(
-    axes: Axes<T>,
-    link: &Link<T>,
-    q: Angle<T>,
-) -> (Axes<T>, Vec3<T>) {
-    let kind = link.kind;
+fn through<T: Real>(axes: Axes<T>, link: &Link<T>, turn: Option<(T, T)>) -> (Axes<T>, Vec3<T>) {
     // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
     match (link.axis, link.flip) {
-        (0, false) => (about::<T, 1, 2, WITHIN>(axes, kind, q), axes[0]),
-        (1, false) => (about::<T, 2, 0, WITHIN>(axes, kind, q), axes[1]),
-        (_, false) => (about::<T, 0, 1, WITHIN>(axes, kind, q), axes[2]),
-        (0, true) => (about::<T, 2, 1, WITHIN>(axes, kind, q), negate(axes[0])),
-        (1, true) => (about::<T, 0, 2, WITHIN>(axes, kind, q), negate(axes[1])),
-        (_, true) => (about::<T, 1, 0, WITHIN>(axes, kind, q), negate(axes[2])),
+        (0, false) => (about::<T, 1, 2>(axes, turn), axes[0]),
+        (1, false) => (about::<T, 2, 0>(axes, turn), axes[1]),
+        (_, false) => (about::<T, 0, 1>(axes, turn), axes[2]),
+        (0, true) => (about::<T, 2, 1>(axes, turn), negate(axes[0])),
+        (1, true) => (about::<T, 0, 2>(axes, turn), negate(axes[1])),
+        (_, true) => (about::<T, 1, 0>(axes, turn), negate(axes[2])),
     }
 }
 
-/// The axes after a turn by q that moves axis A towards B; untouched where the DoF slides.
+/// The axes after a turn, by its sine and cosine, that moves axis A towards B; untouched where the DoF slides.
 #[inline(always)]
-fn about<T: Real, const A: usize, const B: usize, const WITHIN: bool>(
+fn about<T: Real, const A: usize, const B: usize>(
     mut axes: Axes<T>,
-    kind: Kind,
-    (q, at_once): Angle<T>,
+    turn: Option<(T, T)>,
 ) -> Axes<T> {
-    if kind == Kind::Revolute {
-        let (s, c) = if T::AT_ONCE {
-            at_once
-        } else {
-            sine_and_cosine::<T, WITHIN>(q)
-        };
+    if let Some((s, c)) = turn {
         let (a, b) = (axes[A], axes[B]);
         axes[A] = add(scale(a, c), scale(b, s));
         axes[B] = sub(scale(b, c), scale(a, s));
@@ -156,6 +128,44 @@ fn about<T: Real, const A: usize, const B: usize, const WITHIN: bool>(
 }
 
 impl<T: Real, const N: usize> Kinematics<'_, T, N> {
+    /// Moves to another joint vector of the chain: what [`Chain::forward_within`] computes, the same bits, without an
+    /// array to fill first.
+    #[inline(always)]
+    pub fn move_within(&mut self, q: &[T; N]) {
+        self.put::<true>(q);
+    }
+
+    #[inline(always)]
+    fn put<const WITHIN: bool>(&mut self, q: &[T; N]) {
+        let chain = self.chain;
+        let (mut axes, mut at) = chain.base;
+        let mut at_once = [(T::zero(), T::zero()); N];
+        if T::AT_ONCE {
+            for i in 0..N {
+                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
+            }
+        }
+        for i in 0..N {
+            let link = &chain.links[i];
+            let turn = (link.kind == Kind::Revolute).then(|| {
+                if T::AT_ONCE {
+                    at_once[i]
+                } else {
+                    sine_and_cosine::<T, WITHIN>(q[i])
+                }
+            });
+            at = moved(at, &axes, &link.shift);
+            axes = turned_by(axes, &link.turn);
+            (axes, self.axis[i]) = through(axes, link, turn);
+            if link.kind == Kind::Prismatic {
+                at = add(at, scale(self.axis[i], q[i]));
+            }
+            self.origin[i] = at;
+        }
+        self.tip = moved(at, &axes, &chain.tip.1);
+        self.last = axes;
+    }
+
     /// The tip's position.
     #[inline(always)]
     pub fn tip(&self) -> Vec3<T> {

@@ -2,21 +2,19 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fearless_simd::Level;
 use rayon::prelude::*;
 
 use crate::kernel::anneal::{Island, Place};
 use crate::kernel::score::Ready;
-pub use crate::lanes::describe;
 use crate::lanes::{Instructions, Lanes, dispatch};
+pub use crate::lanes::{SimdLevel, describe, processor};
 use crate::problem::{Problem, with_dofs};
 use crate::task::TaskError;
 
 /// Ticks of all members between two looks at whether to stop: some tens of milliseconds.
 const TICKS_A_LOOK: u64 = 2_000_000;
 
-/// Runs every island of the problem from generation `from` until `to`, and returns the generation reached: less where
-/// `stop` was set, but the same for all islands. Islands are those of set 0, then those of set 1, and so on.
+/// Runs every island of the problem on the machine's widest lanes: see [`advance_on`].
 ///
 /// # Errors
 /// A task whose chain the core refuses.
@@ -27,9 +25,26 @@ pub fn advance(
     to: u32,
     stop: &AtomicBool,
 ) -> Result<u32, TaskError> {
+    advance_on(SimdLevel::widest(), problem, islands, from, to, stop)
+}
+
+/// Runs every island of the problem from generation `from` until `to`, and returns the generation reached: less where
+/// `stop` was set, but the same for all islands. Islands are those of set 0, then those of set 1, and so on. The level
+/// and the number of threads change no bit.
+///
+/// # Errors
+/// A task whose chain the core refuses.
+pub fn advance_on(
+    level: SimdLevel,
+    problem: &Problem,
+    islands: &mut [Island],
+    from: u32,
+    to: u32,
+    stop: &AtomicBool,
+) -> Result<u32, TaskError> {
     let dofs = problem.dofs();
     with_dofs!(dofs, N => {
-        dispatch!(Level::new(), S => advance_lanes::<S, N>(problem, islands, from, to, stop))
+        dispatch!(level.0, S => advance_lanes::<S, N>(problem, islands, from, to, stop))
     }, else Err(TaskError::Dofs { found: dofs }))
 }
 

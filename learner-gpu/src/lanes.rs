@@ -6,7 +6,7 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdMask};
-use sinew::math::{Whole, exp_of, sin_cos_of};
+use sinew::math::{Whole, exp_of, sin_cos_of, sin_cos_within_of};
 use sinew::real::Real;
 
 /// A level of SIMD instructions whose proof of presence can be had again where it was given once.
@@ -53,6 +53,12 @@ impl<S: Instructions> Lanes<S> {
     #[inline(always)]
     pub fn splat(value: f32) -> Self {
         Lanes(S::f32s::splat(S::proof(), value))
+    }
+
+    /// `self`·`by` + `plus`, rounded once where the machine has that: not the bits of [`Real`]'s operators.
+    #[inline(always)]
+    pub fn times_plus(self, by: Self, plus: Self) -> Self {
+        Lanes(self.0.mul_add(by.0, plus.0))
     }
 
     /// The numbers, into a slice of as many.
@@ -120,6 +126,10 @@ impl<S: Instructions> Real for Lanes<S> {
         sin_cos_of(self)
     }
     #[inline(always)]
+    fn sin_cos_within(self) -> (Self, Self) {
+        sin_cos_within_of(self)
+    }
+    #[inline(always)]
     fn exp(self) -> Self {
         exp_of(self)
     }
@@ -183,20 +193,67 @@ macro_rules! dispatch {
 }
 pub(crate) use dispatch;
 
+/// A level of SIMD instructions that this machine has.
+#[derive(Clone, Copy, Debug)]
+pub struct SimdLevel(pub(crate) Level);
+
+impl SimdLevel {
+    /// The widest.
+    pub fn widest() -> Self {
+        SimdLevel(Level::new())
+    }
+
+    /// All that lanes are compiled for, the narrowest first.
+    pub fn all() -> Vec<Self> {
+        let widest = Level::new();
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        let levels = [
+            widest.as_sse2().map(Level::Sse2),
+            widest.as_avx2().map(Level::Avx2),
+            widest.as_avx512().map(Level::Avx512),
+        ];
+        #[cfg(target_arch = "aarch64")]
+        let levels = [Some(widest)];
+        levels.into_iter().flatten().map(SimdLevel).collect()
+    }
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            Level::Avx512(_) => "AVX-512",
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            Level::Avx2(_) => "AVX2",
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            _ => "SSE2",
+            #[cfg(target_arch = "aarch64")]
+            _ => "NEON",
+        }
+    }
+
+    /// How many `f32` its registers hold.
+    pub fn lanes(self) -> usize {
+        dispatch!(self.0, S => Lanes::<S>::COUNT)
+    }
+}
+
 /// What the CPU path runs on: the widest SIMD this machine has, and the threads.
 pub fn describe() -> String {
-    let (name, width) = match Level::new() {
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        Level::Avx512(_) => ("AVX-512", 16),
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        Level::Avx2(_) => ("AVX2", 8),
-        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-        _ => ("SSE2", 4),
-        #[cfg(target_arch = "aarch64")]
-        _ => ("NEON", 4),
-    };
+    let level = SimdLevel::widest();
     format!(
-        "{name}, {width} lanes, {} threads",
+        "{}, {} lanes, {} threads",
+        level.name(),
+        level.lanes(),
         rayon::current_num_threads()
     )
+}
+
+/// What the processor calls itself, where the system says.
+pub fn processor() -> String {
+    let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = about
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    name.map_or(std::env::consts::ARCH, |(_, name)| name)
+        .to_owned()
 }

@@ -7,11 +7,15 @@
 //! - [`problem`]: what is to be learned, and how the controller is set
 //! - [`kernel`]: what runs for every member in every generation
 //! - [`cpu`], [`gpu`]: where it runs
+//! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
+//! - [`bench`]: how fast each of the places is
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
+pub mod bench;
 pub mod chain;
+pub mod choice;
 pub mod cpu;
 pub mod csv;
 pub mod export;

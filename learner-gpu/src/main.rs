@@ -25,6 +25,7 @@ enum Command {
     Export(command::export::Arguments),
     Play(command::play::Arguments),
     Devices(command::devices::Arguments),
+    Bench(command::bench::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -40,6 +41,7 @@ fn main() -> ExitCode {
         Command::Export(arguments) => command::export::run(&arguments),
         Command::Play(arguments) => command::play::run(&arguments),
         Command::Devices(arguments) => command::devices::run(&arguments),
+        Command::Bench(arguments) => command::bench::run(&arguments),
     };
     match outcome {
         Ok(code) => code,

@@ -175,17 +175,56 @@ fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     assert!(stopped.path().join("learning.checkpoint").exists());
     assert!(!stopped.path().join("synergies.json").exists());
 
-    let output = learn(stopped.path(), &long);
-    assert!(
-        text(&output.stderr).contains("going on from generation"),
-        "{}",
-        text(&output.stderr)
+    // Whatever is faster by now, it goes on where it began.
+    let output = learn(
+        stopped.path(),
+        &[&long[..], &["--backend", "auto"]].concat(),
     );
+    for words in ["(it began there)", "going on from generation"] {
+        let told = text(&output.stderr);
+        assert!(told.contains(words), "{told}");
+    }
     assert!(learn(whole.path(), &long).status.success());
     let [whole, stopped] =
         [whole, stopped].map(|folder| json(&folder.path().join("synergies.json")));
     assert_eq!(whole["motions"], stopped["motions"]);
     assert_eq!(whole["generations"], stopped["generations"]);
+}
+
+#[test]
+fn a_bench_prints_and_writes_what_it_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bench.json");
+    let few = [
+        "--quick",
+        "--paths",
+        "f32",
+        "--motions",
+        "2",
+        "--populations",
+        "64",
+    ];
+    let few = [
+        &few[..],
+        &[
+            "--steppers",
+            "transpose",
+            "--models",
+            "c,d",
+            "--rounds",
+            "5",
+        ],
+    ]
+    .concat();
+    let output = sinew(&[&["bench", "--json", file.to_str().unwrap()], &few[..]].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("scalar f32, 1 thread"));
+    let written = json(&file);
+    assert_eq!(written["cases"].as_array().unwrap().len(), 2);
+    let rates = &written["cases"][1]["rates"][0];
+    assert_eq!(rates["rounds"].as_array().unwrap().len(), 5);
+    assert!(rates["share"].as_f64().unwrap() > 0.0);
+    refused(&sinew(&["bench", "--paths", "abacus"]), &["abacus", "f32"]);
 }
 
 #[test]

@@ -8,14 +8,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use sinew_learn::gpu::{self, Gpu};
+use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
 use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
 use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
 use sinew_learn::task::{Arm, Task, facing};
-use sinew_learn::{cpu, urdf};
+use sinew_learn::{choice, cpu, urdf};
 
 use super::{Failure, print, table};
 
@@ -33,7 +33,7 @@ pub struct Arguments {
     /// The inverse kinematics that it steers
     #[arg(long, value_enum, default_value = "transpose")]
     stepper: StepperKind,
-    /// Where to compute [auto: a GPU, else a software Vulkan driver, else the CPU]
+    /// Where to compute [auto: on what is measured to be faster]
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendChoice,
     /// Learn one parameter vector for all recordings together instead of one for each
@@ -77,7 +77,7 @@ pub struct Arguments {
 /// Where to compute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum BackendChoice {
-    /// The best there is
+    /// What is measured to be faster
     Auto,
     /// A Vulkan, Metal or DirectX 12 adapter
     Gpu,
@@ -108,12 +108,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     .map_err(Failure::input)?;
     let problem = problem(arguments, &recordings)?;
     let fresh = Search::new(&problem);
-    let (mut backend, name, device) = backend(arguments.backend, &problem, &fresh)?;
-    super::tell!("backend {name}: {device}");
     can_be_written(&arguments.out)?;
-    // Lanes give the same bits at every width and on any number of threads; devices need not.
-    let computed_by = if name == "cpu" { "cpu" } else { &device };
-    let checkpoint = Checkpoint::new(&arguments.out, &problem, computed_by);
+    let (mut backend, why) = backend(arguments, &problem, &fresh)?;
+    let (name, device) = named(&backend);
+    super::tell!("backend {name}: {device}{why}");
+    let checkpoint = Checkpoint::new(&arguments.out, &problem, &computed_by(&backend));
     let mut search = match checkpoint.read() {
         Kept::Search(search) => {
             super::tell!(
@@ -163,10 +162,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
 
     // The CPU may have taken over.
-    let (name, device) = match backend {
-        Backend::Cpu => ("cpu", cpu::describe()),
-        Backend::Gpu { .. } => (name, device),
-    };
+    let (name, device) = named(&backend);
     let synergies = synergies(&problem, &recordings, &search, name, device)?;
     let path = arguments.out.join("synergies.json");
     synergies
@@ -255,31 +251,64 @@ fn problem(arguments: &Arguments, recordings: &[Recording]) -> Result<Problem, F
     })
 }
 
-/// The backend, its name and its device.
+/// The backend, and why it is this one, where that is not plain.
 fn backend(
-    choice: BackendChoice,
+    arguments: &Arguments,
     problem: &Problem,
     search: &Search,
-) -> Result<(Backend, &'static str, String), Failure> {
-    if choice != BackendChoice::Cpu {
-        match Gpu::new(problem, &search.islands, gpu::Which::Best) {
-            Ok(device) => {
-                let name = device.adapter().to_string();
-                let or_cpu = choice == BackendChoice::Auto;
-                return Ok((
-                    Backend::Gpu {
-                        device: Box::new(device),
-                        or_cpu,
-                    },
-                    "gpu",
-                    name,
-                ));
-            }
-            Err(error) if choice == BackendChoice::Gpu => return Err(Failure::run(error)),
+) -> Result<(Backend, String), Failure> {
+    let device = |or_cpu| {
+        let device = Gpu::new(problem, &search.islands, gpu::Which::Best)?;
+        Ok::<_, GpuError>(Backend::Gpu {
+            device: Box::new(device),
+            or_cpu,
+        })
+    };
+    match arguments.backend {
+        BackendChoice::Cpu => return Ok((Backend::Cpu, String::new())),
+        BackendChoice::Gpu => return Ok((device(false).map_err(Failure::run)?, String::new())),
+        BackendChoice::Auto => {}
+    }
+    // A search goes on where it began, whatever is faster today.
+    let began_on = |computed_by: &str| {
+        let checkpoint = Checkpoint::new(&arguments.out, problem, computed_by);
+        matches!(checkpoint.read(), Kept::Search(_))
+    };
+    if began_on(CPU) {
+        return Ok((Backend::Cpu, " (it began there)".to_owned()));
+    }
+    if gpu::adapters()
+        .iter()
+        .any(|adapter| began_on(&adapter.to_string()))
+    {
+        match device(true) {
+            Ok(backend) => return Ok((backend, " (it began there)".to_owned())),
             Err(error) => super::tell!("no GPU path: {error}"),
         }
     }
-    Ok((Backend::Cpu, "cpu", cpu::describe()))
+    let (backend, reason) =
+        choice::faster(problem, &search.islands, arguments.generations).map_err(Failure::input)?;
+    Ok((backend, format!(" ({reason})")))
+}
+
+/// What a checkpoint of the CPU says of where it began.
+const CPU: &str = "cpu";
+
+/// What a checkpoint says of where it began: lanes give the same bits at every width and on any number of threads;
+/// devices need not.
+fn computed_by(backend: &Backend) -> String {
+    match backend {
+        Backend::Cpu => CPU.to_owned(),
+        Backend::Gpu { device, .. } => device.adapter().to_string(),
+    }
+}
+
+/// A backend's name and its device.
+fn named(backend: &Backend) -> (&'static str, String) {
+    match backend {
+        Backend::Cpu => ("cpu", cpu::describe()),
+        Backend::Gpu { device, .. } => ("gpu", device.adapter().to_string()),
+    }
 }
 
 /// What was learned, scored again in f64.

@@ -1,5 +1,6 @@
 //! The commands, a file each, and how they end.
 
+pub mod bench;
 pub mod devices;
 pub mod evaluate;
 pub mod export;

@@ -1,5 +1,6 @@
 //! An open device: its queue, what it complained of, and the way back to the host.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -13,6 +14,9 @@ use super::error::GpuError;
 
 /// A device that does not answer for so long is taken for lost.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Words that are moved at once: what lies twice in memory meanwhile is small.
+pub(super) const PART: usize = 1 << 20;
 
 /// What the device complained of since it was opened: wgpu tells by callbacks, from whatever call is at hand.
 #[derive(Debug, Default)]
@@ -127,27 +131,37 @@ impl Device {
 
     /// Writes words at the beginning of a buffer, before whatever is submitted next.
     pub fn write(&self, buffer: &Buffer, words: &[u32]) {
-        if !words.is_empty() {
+        for (part, words) in words.chunks(PART).enumerate() {
             let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_ne_bytes()).collect();
-            self.queue.write_buffer(buffer, 0, &bytes);
+            let at = (part * PART) as u64 * 4;
+            self.queue.write_buffer(buffer, at, &bytes);
         }
     }
 
     /// A buffer's words.
     ///
     /// # Errors
-    /// The device is lost, or has no memory for the copy.
+    /// See [`read_part`](Self::read_part).
     pub fn read(&self, buffer: &Buffer) -> Result<Vec<u32>, GpuError> {
+        self.read_part(buffer, 0..buffer.size() as usize / 4)
+    }
+
+    /// Some of a buffer's words.
+    ///
+    /// # Errors
+    /// The device is lost, or has no memory for the copy.
+    pub fn read_part(&self, buffer: &Buffer, words: Range<usize>) -> Result<Vec<u32>, GpuError> {
+        let size = words.len() as u64 * 4;
         let copy = self.device.create_buffer(&BufferDescriptor {
             label: Some("read-back"),
-            size: buffer.size(),
+            size,
             usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
         let mut encoder = self
             .device
             .create_command_encoder(&CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, buffer.size());
+        encoder.copy_buffer_to_buffer(buffer, words.start as u64 * 4, &copy, 0, size);
         self.queue.submit([encoder.finish()]);
         // Whether mapping failed shows in the view below.
         copy.map_async(MapMode::Read, .., |_| {});

@@ -44,6 +44,16 @@ pub enum GpuError {
         /// How many there are.
         found: usize,
     },
+    /// A motion is longer than a thread may run in a dispatch.
+    #[error("motion {motion:?} has {found} frames, the GPU path takes {most} at most")]
+    Frames {
+        /// The motion.
+        motion: String,
+        /// How many it has.
+        found: usize,
+        /// How many it may have.
+        most: usize,
+    },
     /// The islands are not the problem's.
     #[error("the population does not fit the problem: {what} is {found}, expected {expected}")]
     Population {

@@ -12,7 +12,7 @@ use wgpu::{
     BufferBinding, BufferDescriptor, BufferUsages,
 };
 
-use super::device::Device;
+use super::device::{Device, PART};
 use super::error::GpuError;
 use super::kernel::{MOST_GENERATIONS, RUN_BYTES, RUN_STRIDE};
 use super::motions::Motions;
@@ -42,6 +42,8 @@ struct Contents {
     tried: usize,
     /// Ticks that a generation of each island takes.
     ticks: Vec<u64>,
+    /// Motions of the largest set.
+    most_motions: u32,
 }
 
 impl Contents {
@@ -69,6 +71,8 @@ pub(super) struct Group {
     pub islands: Range<usize>,
     /// Ticks that a generation of each takes.
     pub ticks: Vec<u64>,
+    /// Motions of the largest set.
+    pub most_motions: u32,
     pub bindings: BindGroup,
     pub run: Buffer,
     population: Buffer,
@@ -151,6 +155,7 @@ impl Group {
         Group {
             islands,
             ticks: contents.ticks,
+            most_motions: contents.most_motions,
             bindings,
             run,
             population,
@@ -164,13 +169,19 @@ impl Group {
     /// # Errors
     /// The device is lost.
     pub fn read(&self, device: &Device, genes: usize) -> Result<Vec<Island>, GpuError> {
-        let words = device.read(&self.population)?;
-        let summaries = self.summaries(device)?;
-        let islands = words.chunks_exact(words_an_island(genes));
-        Ok(islands
-            .zip(summaries)
-            .map(|(words, (best, _))| unpacked(words, genes, best))
-            .collect())
+        let each = words_an_island(genes);
+        let mut islands = Vec::with_capacity(self.islands.len());
+        for some in self.summaries(device)?.chunks((PART / each).max(1)) {
+            let from = islands.len() * each;
+            let words = device.read_part(&self.population, from..from + some.len() * each)?;
+            let words = words.chunks_exact(each);
+            islands.extend(
+                words
+                    .zip(some)
+                    .map(|(words, &(best, _))| unpacked(words, genes, best)),
+            );
+        }
+        Ok(islands)
     }
 
     /// Of each island: the best score ever, and the members' mean score.
@@ -245,6 +256,7 @@ fn gather(
                 ticks += u64::from(motion.frames) * ISLAND as u64;
             }
             set_at = (set, begin, ticks);
+            contents.most_motions = contents.most_motions.max(members.len() as u32);
         }
         let (_, begin, ticks) = set_at;
         contents.places.extend([

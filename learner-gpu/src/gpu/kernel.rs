@@ -18,7 +18,7 @@ use crate::problem::Problem;
 /// Generations in one submission, at most.
 pub(super) const MOST_GENERATIONS: u32 = 256;
 /// Bytes of a `Run` in `anneal.wgsl`.
-pub(super) const RUN_BYTES: u64 = 40;
+pub(super) const RUN_BYTES: u64 = 48;
 /// Bytes from one to the next: what every device can begin a binding at.
 pub(super) const RUN_STRIDE: u64 = 256;
 
@@ -101,8 +101,8 @@ impl Kernel {
         })
     }
 
-    /// Runs these steps on these islands of a group, for each generation in turn (at most [`MOST_GENERATIONS`]), and
-    /// waits.
+    /// Runs these steps on these islands of a group, for each generation in turn (at most [`MOST_GENERATIONS`]), with
+    /// these of each set's motions, and waits.
     ///
     /// # Errors
     /// The device is lost, or refuses.
@@ -112,6 +112,7 @@ impl Kernel {
         group: &Group,
         islands: Range<usize>,
         generations: Range<u32>,
+        motions: Range<u32>,
         steps: &[Step],
     ) -> Result<(), GpuError> {
         let count = islands.len() as u32;
@@ -129,6 +130,8 @@ impl Kernel {
                 self.gain.to_bits(),
                 self.dt.to_bits(),
                 0,
+                motions.start,
+                motions.len() as u32,
             ]);
             runs.resize(runs.len().next_multiple_of(RUN_STRIDE as usize / 4), 0);
         }

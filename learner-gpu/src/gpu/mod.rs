@@ -14,6 +14,7 @@ mod group;
 mod kernel;
 mod motions;
 mod pace;
+pub mod peak;
 #[cfg(test)]
 mod tests;
 
@@ -30,7 +31,7 @@ use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 use device::Device;
 use group::Group;
-use motions::Motions;
+use motions::{Motions, most_frames};
 use pace::Pace;
 
 /// A problem's population on a device.
@@ -42,6 +43,10 @@ pub struct Gpu {
     /// No buffer is larger, bytes.
     limit: u64,
     pace: Pace,
+    /// Frames of the longest motion.
+    longest: u64,
+    /// Motions of a set that a dispatch scores, at most.
+    most_motions: u32,
     preparation: Duration,
 }
 
@@ -79,12 +84,14 @@ impl Gpu {
             genes: problem.genes(),
             limit,
             pace: Pace::new(),
+            longest: 0,
+            most_motions: 1,
             preparation: Duration::ZERO,
         };
         gpu.fill(problem, &motions, islands)?;
         if let Some(group) = gpu.groups.first() {
             // Drivers compile at the first dispatch: an attempt that is never settled gets that over with.
-            gpu.run(group, 0..1, 0..1, &[Step::Attempt])?;
+            gpu.run(group, 0..1, 0..1, 0..1, &[Step::Attempt])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
@@ -114,9 +121,14 @@ impl Gpu {
             islands,
             self.limit,
         )?;
+        let frames = motions.each.iter().map(|motion| u64::from(motion.frames));
+        self.longest = frames.max().unwrap_or(0).max(1);
+        // A turn of a loop for each frame, and one to leave it.
+        let most_frames = most_frames(problem.settings.stepper) as u64;
+        self.most_motions = (most_frames / (self.longest + 1)).max(1) as u32;
         for group in &self.groups {
             // Nothing was tried yet, so this only sums up.
-            self.run(group, 0..group.islands.len(), 0..1, &[Step::Settle])?;
+            self.run(group, 0..group.islands.len(), 0..1, 0..1, &[Step::Settle])?;
         }
         Ok(())
     }
@@ -175,18 +187,42 @@ impl Gpu {
         self.gathered(|group| group.scores(&self.device, self.genes))
     }
 
-    /// Runs these steps for these generations on all islands, as many at once as the pace allows.
+    /// Runs these steps for these generations on all islands, as many at once as the pace allows. Where one island's
+    /// motions are too many, a dispatch scores a part of them; the parts' sums are added up in the motions' order.
     fn everywhere(&mut self, generations: Range<u32>, steps: &[Step]) -> Result<(), GpuError> {
         for group in &self.groups {
             let mut first = 0;
             while let Some(left) = group.ticks.get(first..).filter(|left| !left.is_empty()) {
                 let count = self.pace.islands(left, generations.len() as u32);
-                let began = Instant::now();
-                self.run(group, first..first + count, generations.clone(), steps)?;
-                let ticks: u64 = left.iter().take(count).sum();
-                self.pace
-                    .measured(ticks * generations.len() as u64, began.elapsed());
+                let islands = first..first + count;
                 first += count;
+                let ticks: u64 = left.iter().take(count).sum();
+                let a_motion = self.longest * (count * ISLAND) as u64;
+                let part = self.most_motions.min(self.pace.motions(a_motion));
+                if part >= group.most_motions {
+                    let began = Instant::now();
+                    let motions = 0..group.most_motions;
+                    self.run(group, islands, generations.clone(), motions, steps)?;
+                    self.pace
+                        .measured(ticks * generations.len() as u64, began.elapsed());
+                    continue;
+                }
+                for generation in generations.clone() {
+                    let generation = generation..generation + 1;
+                    for begin in (0..group.most_motions).step_by(part as usize) {
+                        let end = group.most_motions.min(begin + part);
+                        // What comes after scoring comes once.
+                        let steps = match end == group.most_motions {
+                            true => steps,
+                            false => &steps[..1],
+                        };
+                        let began = Instant::now();
+                        let islands = islands.clone();
+                        self.run(group, islands, generation.clone(), begin..end, steps)?;
+                        let share = u64::from(end - begin) * ticks / u64::from(group.most_motions);
+                        self.pace.measured(share, began.elapsed());
+                    }
+                }
             }
         }
         Ok(())
@@ -197,10 +233,11 @@ impl Gpu {
         group: &Group,
         islands: Range<usize>,
         generations: Range<u32>,
+        motions: Range<u32>,
         steps: &[Step],
     ) -> Result<(), GpuError> {
         self.kernel
-            .run(&self.device, group, islands, generations, steps)
+            .run(&self.device, group, islands, generations, motions, steps)
     }
 
     fn gathered<T>(

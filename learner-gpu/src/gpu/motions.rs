@@ -6,8 +6,18 @@ use sinew::synergy::Model;
 use super::error::GpuError;
 use crate::kernel::compose::{Method, Structure};
 use crate::motion::Point;
-use crate::problem::{Problem, with_dofs};
+use crate::problem::{Problem, StepperKind, with_dofs};
 use crate::task::{Task, TaskError};
+
+/// Frames that a thread runs in a dispatch, at most: lavapipe leaves a thread's loops, without a word, after 65,535
+/// turns of all of them together.
+pub(super) fn most_frames(stepper: StepperKind) -> usize {
+    let turns_a_frame = match stepper {
+        StepperKind::PseudoInverse | StepperKind::SelectivelyDamped => 13, // 10 of them sweeps
+        _ => 1,
+    };
+    60_000 / turns_a_frame
+}
 
 /// All motions, ready to be uploaded.
 pub(super) struct Motions {
@@ -50,6 +60,15 @@ impl Motions {
             .map(|task| Ok(task.chain.build::<N>().map_err(TaskError::from)?.cast()))
             .collect::<Result<Vec<Chain<f32, N>>, GpuError>>()?;
         let structure = Structure::new(&chains, &method)?;
+        let most = most_frames(settings.stepper);
+        let long = |task: &&Task| task.reference.len() > most;
+        if let Some(task) = problem.tasks.iter().find(long) {
+            return Err(GpuError::Frames {
+                motion: task.name.clone(),
+                found: task.reference.len(),
+                most,
+            });
+        }
         let each = problem
             .tasks
             .iter()

@@ -21,6 +21,14 @@ impl Pace {
         Pace { ticks: FIRST }
     }
 
+    /// Dispatches of so many ticks, to begin with.
+    #[cfg(test)]
+    pub fn fixed(ticks: u64) -> Self {
+        Pace {
+            ticks: ticks as f64,
+        }
+    }
+
     /// How many generations of so many ticks to run at once: at least one.
     pub fn generations(&self, ticks: u64) -> u32 {
         (self.ticks / ticks.max(1) as f64).clamp(1.0, 10_000.0) as u32
@@ -34,6 +42,11 @@ impl Pace {
             left >= 0.0
         });
         fit.count().clamp(1, ticks.len().max(1))
+    }
+
+    /// How many motions of a set to score at once, where one of all islands at hand takes so many ticks: at least one.
+    pub fn motions(&self, ticks: u64) -> u32 {
+        self.generations(ticks)
     }
 
     /// Learns from a dispatch. The pace rises step by step: a small dispatch says little of a large one.

@@ -17,6 +17,7 @@ use crate::kernel::compose::compose;
 use crate::kernel::philox::philox;
 use crate::kernel::proposal::parameter;
 use crate::kernel::score::Ready;
+use crate::learn::{Backend, Progress, Search};
 use crate::problem::{ModelKind, Settings, StepperKind};
 use crate::sample;
 use crate::task::{Arm, Task, facing};
@@ -340,6 +341,169 @@ fn a_lost_device_is_an_error_and_no_more() {
     println!("{}", gpu.summary().unwrap_err());
 }
 
+#[test]
+fn a_search_whose_device_is_lost_goes_on_with_the_cpu_from_what_was_read_back() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let problem = problem(human(2), StepperKind::Transpose, ModelKind::C, false);
+    let mut lost = Search::new(&problem);
+    let device = Gpu::new(&problem, &lost.islands, Which::Best).unwrap();
+    let handle = device.device.device.clone();
+    let mut backend = Backend::Gpu {
+        device: Box::new(device),
+        or_cpu: true,
+    };
+    let mut words = Vec::new();
+    let mut told = |told: Result<Progress, String>| match told {
+        Ok(progress) if progress.generation == 192 => handle.destroy(),
+        Ok(_) => {}
+        Err(text) => words.push(text),
+    };
+    lost.run(&problem, &mut backend, 256, &never(), None, &mut told)
+        .unwrap();
+    assert!(matches!(backend, Backend::Cpu));
+    assert!(words[0].contains("going on with the CPU"), "{words:?}");
+
+    let mut whole = Search::new(&problem);
+    whole
+        .run(&problem, &mut Backend::Cpu, 256, &never(), None, |_| {})
+        .unwrap();
+    assert_eq!(lost.generation, whole.generation);
+    assert_eq!(lost.evaluations, whole.evaluations);
+    assert_eq!(lost.islands.len(), whole.islands.len());
+}
+
+/// Of some islands, the scores on the device and those of the lanes, which have to be near.
+fn same_scores(gpu: &mut Gpu, problem: &Problem, islands: &[usize]) {
+    let found = gpu.islands().unwrap();
+    let scores = gpu.scores().unwrap();
+    for &number in islands {
+        // What the lanes make of members that propose themselves: an island of the same genes, scored anew.
+        let (set, place) = (number / problem.islands, number % problem.islands);
+        let bounds = problem.settings.bounds(7);
+        let motions: Vec<Ready<f32, 7>> = problem.sets[set]
+            .iter()
+            .map(|&task| Ready::new(&problem.tasks[task]).unwrap())
+            .collect();
+        for member in [0, 17, 63] {
+            let parameters: Vec<f32> = found[number]
+                .genes
+                .iter()
+                .zip(&bounds)
+                .map(|(row, &bounds)| parameter(row[member], bounds))
+                .collect();
+            let sum = motions.iter().fold(0.0, |sum, motion| {
+                sum + motion.score(&problem.settings, &parameters)
+            });
+            let expected = sum / motions.len() as f32;
+            let device = scores[number][member];
+            assert!(
+                (device / expected - 1.0).abs() < 1e-4,
+                "set {set}, island {place}, member {member}: {device} and {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_million_members_of_21_parameters_run_in_default_limits() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let mut task = human(1).remove(0);
+    task.reference.truncate(8);
+    let mut problem = problem(vec![task], StepperKind::Transpose, ModelKind::D, false);
+    problem.islands = (1 << 20) / ISLAND;
+    assert_eq!((problem.population(), problem.genes()), (1 << 20, 21));
+    let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    gpu.advance(0, 2, &never()).unwrap();
+    same_scores(&mut gpu, &problem, &[0, 1, 9_999, 16_383]);
+    assert!(gpu.summary().unwrap().iter().all(|&(best, _)| best < 1.0));
+
+    // Two sets of as many: above what one binding holds.
+    problem.sets.push(vec![0]);
+    gpu.replace(&problem, &fresh(&problem)).unwrap();
+    assert!(gpu.groups.len() > 1);
+    gpu.advance(0, 1, &never()).unwrap();
+    same_scores(&mut gpu, &problem, &[16_383, 16_384, 32_767]);
+}
+
+#[test]
+fn more_islands_than_workgroups_in_a_row_run_in_default_limits() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let mut task = human(1).remove(0);
+    task.reference.truncate(2);
+    let mut problem = problem(vec![task], StepperKind::Transpose, ModelKind::A, false);
+    problem.islands = 66_000;
+    let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    gpu.pace = Pace::fixed(u64::MAX);
+    gpu.advance(0, 1, &never()).unwrap();
+    same_scores(&mut gpu, &problem, &[0, 65_534, 65_535, 65_999]);
+}
+
+/// A reach that lasts so many frames: its last one is held.
+fn lasting(mut task: Task, frames: usize) -> Task {
+    let last = task.reference.last().cloned().unwrap();
+    task.reference.resize(frames, last);
+    task
+}
+
+#[test]
+fn a_thousand_motions_of_200_frames_run_in_default_limits() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let reaches = human(14);
+    let tasks: Vec<Task> = reaches.into_iter().cycle().take(1000).collect();
+    let tasks = tasks.into_iter().map(|task| lasting(task, 200)).collect();
+    let mut problem = problem(tasks, StepperKind::Transpose, ModelKind::C, false);
+    problem.islands = 1;
+    let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    gpu.advance(0, 1, &never()).unwrap();
+    same_scores(&mut gpu, &problem, &[0, 1, 500, 999]);
+
+    // One vector for all of them: more frames than a thread may run in a dispatch.
+    problem.sets = vec![(0..1000).collect()];
+    let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    gpu.advance(0, 1, &never()).unwrap();
+    same_scores(&mut gpu, &problem, &[0]);
+}
+
+#[test]
+fn a_set_whose_motions_are_scored_in_parts_ends_with_the_same_bits() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let mut problem = problem(human(5), StepperKind::Transpose, ModelKind::D, false);
+    problem.sets = vec![vec![0, 1, 2, 3, 4], vec![3, 1]];
+    let whole = ran(&problem, &[12]);
+    for most in [1, 2, 4] {
+        let mut split = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+        split.most_motions = most;
+        split.advance(0, 12, &never()).unwrap();
+        assert_eq!(split.islands().unwrap(), whole, "{most} at once");
+        let again: Vec<Vec<f32>> = whole.iter().map(|island| island.scores.clone()).collect();
+        assert_eq!(split.scores().unwrap(), again);
+    }
+}
+
+#[test]
+fn a_motion_too_long_for_a_dispatch_is_refused() {
+    if !there_is_an_adapter() {
+        return;
+    }
+    let long = lasting(human(1).remove(0), 20_000);
+    let problem = problem(vec![long], StepperKind::PseudoInverse, ModelKind::A, false);
+    let fault = Gpu::new(&problem, &fresh(&problem), Which::Best).err();
+    assert!(matches!(
+        fault,
+        Some(GpuError::Frames { found: 20_000, .. })
+    ));
+}
+
 /// Runs `probe`, which reads and writes the words of `data`, with the kernel's functions at hand.
 fn probed(probe: &str, data: &[u32]) -> Vec<u32> {
     let problem = problem(human(1), StepperKind::Transpose, ModelKind::C, false);
@@ -374,7 +538,7 @@ fn probed(probe: &str, data: &[u32]) -> Vec<u32> {
         usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    device.write(&run, &[0; 10]);
+    device.write(&run, &[0; kernel::RUN_BYTES as usize / 4]);
     // A layout taken from the code has only what the code uses.
     let all = [(0, &run), (8, &buffer)];
     let used = if probe.contains("sin_cos") {

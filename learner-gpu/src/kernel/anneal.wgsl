@@ -24,6 +24,9 @@ struct Run {
     dt: f32,
     /// 0, which the compiler does not know: see `kept`.
     nothing: u32,
+    /// The first of each set's motions that this dispatch scores, and how many: a part, where a set would take long.
+    first_motion: u32,
+    motions: u32,
 }
 
 /// Which island of which set an island is, and the set's motions.
@@ -70,18 +73,30 @@ fn number(workgroup: vec3u) -> u32 {
     return workgroup.y * run.columns + workgroup.x;
 }
 
-/// The mean over the set's motions.
-fn score(place: Place, genes: Genes) -> f32 {
+/// Whether a set has none of the motions that this dispatch scores.
+fn is_done(place: Place) -> bool {
+    return (run.first_motion > 0u) & (run.first_motion >= place.motions);
+}
+
+/// Whether a set's last motion is among those that this dispatch scores.
+fn is_last(place: Place) -> bool {
+    return place.motions <= run.first_motion + run.motions;
+}
+
+/// The mean over the set's motions; the sum so far, where some are left for later dispatches. `before` is the sum of
+/// those of earlier ones.
+fn score(place: Place, genes: Genes, before: f32) -> f32 {
     let parameters = Parameters(
         //% for bound in bounds
         parameter(genes[${loop.index0}], ${bound[0]}, ${bound[1]}),
         //% endfor
     );
-    var sum = 0.0;
-    for (var k = 0u; k < place.motions; k++) {
+    var sum = before;
+    let end = min(run.first_motion + run.motions, place.motions);
+    for (var k = run.first_motion; k < end; k++) {
         sum = sum + score_motion(motions[place.first_motion + k], parameters);
     }
-    return sum / f32(place.motions);
+    return select(sum, sum / f32(place.motions), is_last(place));
 }
 
 /// Proposes, scores and decides.
@@ -92,15 +107,25 @@ fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     }
     let which = run.first_island + number(workgroup);
     let place = places[which];
+    if is_done(place) {
+        return;
+    }
     let draws = Draws(run.seed, place.set_number, place.island * ISLAND + me, run.generation);
     let own = block(draws, 0u);
     var proposed: Genes;
-    if run.generation == 0u {
+    var before = 0.0;
+    if run.first_motion > 0u {
+        //% for k in range(genes)
+        proposed[${k}] = tried[which].genes[${k}][me];
+        //% endfor
+        before = tried[which].scores[me];
+    } else if run.generation == 0u {
         proposed = first(draws);
     } else {
         proposed = propose(draws, own, which, me, summaries[which].best);
     }
-    let new_score = score(place, proposed);
+    let new_score = score(place, proposed, before);
+    // Of a part it means nothing, and the last part decides again.
     let accepted = accepts(islands[which].scores[me], new_score, summaries[which].temperature, own[2]);
     //% for k in range(genes)
     tried[which].genes[${k}][me] = proposed[${k}];
@@ -183,9 +208,14 @@ fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
         return;
     }
     let which = run.first_island + number(workgroup);
+    let place = places[which];
+    if is_done(place) {
+        return;
+    }
     var genes: Genes;
     //% for k in range(genes)
     genes[${k}] = islands[which].genes[${k}][me];
     //% endfor
-    tried[which].scores[me] = score(places[which], genes);
+    let before = select(0.0, tried[which].scores[me], run.first_motion > 0u);
+    tried[which].scores[me] = score(place, genes, before);
 }

@@ -108,12 +108,13 @@ impl<T: Real, const N: usize> Ready<T, N> {
         let controller =
             Controller::new(&self.chain, stepper, synergy, lambda, dt, settings.limits())?;
         let mut state = controller.start(self.initial);
+        // One forward kinematics a frame, for who looks on and for the tick.
+        let mut at = self.chain.forward_within(state.angles());
         for frame in 0..frames {
-            // One forward kinematics a frame, for who looks on and for the tick.
-            let at = self.chain.forward(state.angles());
             visit(frame, &at, state.angles());
             if frame + 1 < frames {
                 controller.advance(&mut state, &at, &self.target);
+                at.move_within(state.angles());
             }
         }
         Ok(())

@@ -1,0 +1,218 @@
+//! Which backend a search is faster on, by measurement.
+//!
+//! A few generations of the problem itself are timed on each, and all of the search's are forecast from them. (The
+//! descents between them run on the CPU either way.) Only speed hangs on what is chosen: what a backend computes does not depend on
+//! having been measured.
+
+use std::fmt;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use crate::cpu;
+use crate::gpu::{Gpu, GpuError, Which};
+use crate::kernel::anneal::Island;
+use crate::learn::{Backend, LearnError};
+use crate::problem::Problem;
+use crate::task::TaskError;
+
+/// A search that the CPU is through with sooner than this, seconds, is not worth a device's start.
+const SHORT: f64 = 1.0;
+/// A generation that takes longer than this, seconds, says enough of larger ones.
+const ENOUGH: f64 = 0.02;
+/// Generations that are timed at once.
+const TIMED: u32 = 2;
+
+/// Why a backend was taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// The CPU is through before a device has begun: it would take so many seconds.
+    Short(f64),
+    /// There is no device.
+    NoDevice(String),
+    /// It is the faster: seconds that it and the other take for all generations, and the other's name.
+    Faster {
+        /// This one's.
+        this: f64,
+        /// The other's.
+        other: f64,
+        /// What the other is.
+        name: String,
+    },
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Reason::Short(seconds) => write!(
+                f,
+                "measured: {seconds:.1} s for all generations, too few to start a GPU for"
+            ),
+            Reason::NoDevice(error) => write!(f, "no GPU path: {error}"),
+            Reason::Faster { this, other, name } => write!(
+                f,
+                "measured: {this:.1} s for all generations against {other:.1} s on {name}"
+            ),
+        }
+    }
+}
+
+/// The faster backend for a search that begins with these islands and runs at most so many generations.
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn faster(
+    problem: &Problem,
+    islands: &[Island],
+    generations: u32,
+) -> Result<(Backend, Reason), LearnError> {
+    let on_cpu = forecast(problem, generations, |sample, islands| {
+        let mut islands = islands.to_vec();
+        let began = Instant::now();
+        cpu::advance(sample, &mut islands, 1, 1 + TIMED, &AtomicBool::new(false))?;
+        Ok::<_, TaskError>(began.elapsed().as_secs_f64())
+    })?;
+    if on_cpu < SHORT {
+        return Ok((Backend::Cpu, Reason::Short(on_cpu)));
+    }
+    match on_device(problem, islands, generations) {
+        Ok((device, on_device)) if on_device < on_cpu => {
+            let reason = Reason::Faster {
+                this: on_device,
+                other: on_cpu,
+                name: "the CPU".to_owned(),
+            };
+            let device = Box::new(device);
+            let or_cpu = true;
+            Ok((Backend::Gpu { device, or_cpu }, reason))
+        }
+        Ok((device, on_device)) => {
+            let reason = Reason::Faster {
+                this: on_cpu,
+                other: on_device,
+                name: device.adapter().to_string(),
+            };
+            Ok((Backend::Cpu, reason))
+        }
+        // What the device cannot do, the CPU may.
+        Err(error) => Ok((Backend::Cpu, Reason::NoDevice(error.to_string()))),
+    }
+}
+
+/// The device with the islands on it, and how long the search would take there from now on.
+fn on_device(
+    problem: &Problem,
+    islands: &[Island],
+    generations: u32,
+) -> Result<(Gpu, f64), GpuError> {
+    let mut device = Gpu::new(problem, islands, Which::Best)?;
+    let never = AtomicBool::new(false);
+    let seconds = forecast(problem, generations, |sample, islands| {
+        device.replace(sample, islands)?;
+        // One that does not count: drivers move buffers at first use.
+        device.advance(1, 2, &never)?;
+        let began = Instant::now();
+        device.advance(2, 2 + TIMED, &never)?;
+        Ok::<_, GpuError>(began.elapsed().as_secs_f64())
+    })?;
+    device.replace(problem, islands)?;
+    Ok((device, seconds))
+}
+
+/// Seconds for all generations of a search, from what `timed` says that [`TIMED`] generations of a part of it take.
+fn forecast<E>(
+    problem: &Problem,
+    generations: u32,
+    mut timed: impl FnMut(&Problem, &[Island]) -> Result<f64, E>,
+) -> Result<f64, E> {
+    let mut part = 1;
+    loop {
+        let sample = sample(problem, part);
+        let fresh = vec![Island::new(sample.genes()); sample.sets.len() * sample.islands];
+        let took = timed(&sample, &fresh)? / f64::from(TIMED);
+        let share =
+            sample.frames_a_generation() as f64 / problem.frames_a_generation().max(1) as f64;
+        if took > ENOUGH || share >= 1.0 {
+            return Ok(took / share.max(1e-9) * f64::from(generations));
+        }
+        part *= 4;
+    }
+}
+
+/// So many islands of a problem, or all: some sets, or a part of the first.
+fn sample(problem: &Problem, islands: usize) -> Problem {
+    let sets = (islands / problem.islands.max(1)).clamp(1, problem.sets.len().max(1));
+    Problem {
+        // The tasks stay: a kernel is made for all of them.
+        sets: problem.sets.iter().take(sets).cloned().collect(),
+        islands: islands.clamp(1, problem.islands.max(1)),
+        ..problem.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{ModelKind, Settings, StepperKind};
+    use crate::task::{Arm, Task, facing};
+
+    fn problem(islands: usize) -> Problem {
+        let reaches = crate::sample::shipped().unwrap();
+        let arm = Arm::Human(facing(&reaches));
+        let tasks: Vec<Task> = reaches[..3]
+            .iter()
+            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
+            .collect();
+        Problem {
+            settings: Settings {
+                stepper: StepperKind::Transpose,
+                model: ModelKind::C,
+                lambda: 100.0,
+                rate_hz: 60.0,
+                clamped: false,
+            },
+            sets: (0..tasks.len()).map(|task| vec![task]).collect(),
+            tasks,
+            islands,
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn a_forecast_is_that_of_work_that_takes_as_long_as_its_frames() {
+        let problem = problem(32);
+        let mut largest = 0;
+        let seconds = forecast(&problem, 100, |sample, islands| {
+            assert_eq!(islands.len(), sample.sets.len() * sample.islands);
+            let frames = sample.frames_a_generation();
+            largest = largest.max(frames);
+            Ok::<_, ()>(frames as f64 * f64::from(TIMED) * 1e-6)
+        })
+        .unwrap();
+        let whole = problem.frames_a_generation();
+        assert!((seconds / (100.0 * whole as f64 * 1e-6) - 1.0).abs() < 1e-9);
+        // What is long enough is not made longer.
+        assert!(largest < whole);
+    }
+
+    #[test]
+    fn a_short_search_stays_on_the_cpu() {
+        let problem = problem(1);
+        let islands = vec![Island::new(problem.genes()); 3];
+        let (backend, reason) = faster(&problem, &islands, 2).unwrap();
+        assert!(matches!(backend, Backend::Cpu));
+        assert!(matches!(reason, Reason::Short(_)), "{reason}");
+    }
+
+    #[test]
+    fn a_long_search_takes_what_is_faster_or_all_there_is() {
+        let problem = problem(2);
+        let islands = vec![Island::new(problem.genes()); 6];
+        let (backend, reason) = faster(&problem, &islands, 10_000_000).unwrap();
+        println!("{reason}");
+        match reason {
+            Reason::Faster { this, other, .. } => assert!(this <= other),
+            Reason::NoDevice(_) => assert!(matches!(backend, Backend::Cpu)),
+            Reason::Short(_) => panic!("{reason}"),
+        }
+    }
+}
