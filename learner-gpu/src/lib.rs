@@ -9,11 +9,13 @@
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`learn`]: the search from beginning to end
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
+//! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
 pub mod chain;
 pub mod cpu;
 pub mod csv;
+pub mod experiment;
 pub mod export;
 pub mod gpu;
 pub mod kernel;
@@ -25,6 +27,7 @@ pub mod play;
 pub mod problem;
 pub mod recordings;
 pub mod sample;
+pub mod speed;
 pub mod synergies;
 pub mod synthesis;
 pub mod task;
