@@ -11,6 +11,9 @@ use crate::motion::{Point, SMOOTHING, minus, smoothed, speeds};
 /// A hill in the speed is a peak if it stands out by this part of the greatest speed.
 pub const PROMINENCE: f64 = 0.1;
 
+/// A hand that is never faster rests, m/s: what it has is noise, and no shape.
+const AT_REST: f64 = 1e-3;
+
 /// The hand's speed in each frame, m/s, from its positions (metres) at `rate_hz`.
 ///
 /// Positions are smoothed without delay by a Gaussian of 30 ms (−3 dB at 4.4 Hz), the same for recorded and synthesised
@@ -60,10 +63,19 @@ impl Shape {
         let steps = speed.len().saturating_sub(1).max(1) as f64;
         let bell: Vec<f64> = (0..speed.len()).map(|k| bell(k as f64 / steps)).collect();
         let top = (0..speed.len()).fold(0, |top, k| if speed[k] > speed[top] { k } else { top });
+        let greatest = speed.get(top).copied().unwrap_or(0.0);
+        if greatest < AT_REST {
+            return Shape {
+                peaks: 0,
+                peak_at: 0.0,
+                greatest,
+                minimum_jerk: 0.0,
+            };
+        }
         Shape {
             peaks: peaks(speed),
             peak_at: top as f64 / steps,
-            greatest: speed.get(top).copied().unwrap_or(0.0),
+            greatest,
             minimum_jerk: correlation(speed, &bell),
         }
     }
@@ -207,7 +219,7 @@ mod tests {
             let speed = hand_speed(&hand, rate);
             prop_assert_eq!(speed.len(), hand.len());
             let shape = Shape::of(&speed);
-            prop_assert!(shape.peaks >= usize::from(shape.greatest > 0.0));
+            prop_assert!(shape.peaks >= usize::from(shape.greatest >= AT_REST));
             prop_assert!((0.0..=1.0).contains(&shape.peak_at));
             prop_assert!(shape.minimum_jerk.abs() <= 1.0 + 1e-9);
         }

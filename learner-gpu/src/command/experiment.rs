@@ -97,12 +97,10 @@ fn models(arguments: &Models) -> Result<ExitCode, Failure> {
     let models = [ModelKind::A, ModelKind::B, ModelKind::C, ModelKind::D];
     let plan = models.map(|model| arguments.options.settings(stepper, lambda, model));
     let plan = plan.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let out = Out::new(
-        "models",
-        arguments.out.as_deref(),
-        &["models.csv", "models.json"],
-    )?;
-    let Some((tasks, learned)) = searches(&arguments.options, plan)? else {
+    let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
+    let files = ["models.csv", "models.json"];
+    let out = Out::new("models", arguments.out.as_deref(), &files)?;
+    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
         return Ok(ExitCode::from(130));
     };
     // Each model against the one before it.
@@ -131,9 +129,10 @@ fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
             }
         }
     }
+    let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["steppers.csv", "steppers.json"];
     let out = Out::new("steppers", arguments.out.as_deref(), &files)?;
-    let Some((tasks, learned)) = searches(&arguments.options, plan)? else {
+    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
         return Ok(ExitCode::from(130));
     };
     let row = |this: &Learned| {
@@ -160,9 +159,10 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
     let models = [ModelKind::A, ModelKind::C];
     let plan = models.map(|model| arguments.options.settings(stepper, lambda, model));
     let plan = plan.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["speed.csv", "shape.csv", "speed.json"];
     let out = Out::new("speed", arguments.out.as_deref(), &files)?;
-    let Some((tasks, learned)) = searches(&arguments.options, plan)? else {
+    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
         return Ok(ExitCode::from(130));
     };
     let mut curves = Vec::new();
@@ -196,18 +196,18 @@ impl Learned {
     }
 }
 
-/// Runs the searches of a plan one after the other on the same recordings; nothing where it was told to stop.
+/// Runs the searches of a plan one after the other on the same tasks; nothing where it was told to stop.
 fn searches(
     options: &Options,
     plan: Vec<Settings>,
-) -> Result<Option<(Vec<Task>, Vec<Learned>)>, Failure> {
-    let tasks = options.tasks(&options.recordings()?)?;
+    tasks: &[Task],
+) -> Result<Option<Vec<Learned>>, Failure> {
     let stop = search::stop()?;
     let mut choice = options.backend;
     let mut learned = Vec::new();
     let count = plan.len();
     for (k, settings) in plan.into_iter().enumerate() {
-        let problem = options.problem(settings, tasks.clone(), false);
+        let problem = options.problem(settings, tasks.to_vec(), false);
         let mut search = Search::new(&problem);
         let (mut backend, backend_name, device) = backend(choice, &problem, &search)?;
         if k == 0 {
@@ -245,7 +245,7 @@ fn searches(
             synergies,
         });
     }
-    Ok(Some((tasks, learned)))
+    Ok(Some(learned))
 }
 
 /// The paper's name for a model.
