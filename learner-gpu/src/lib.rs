@@ -11,6 +11,7 @@
 //! - [`learn`]: the search from beginning to end
 //! - [`bench`]: how fast each of the places is
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
+//! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
 pub mod bench;
@@ -18,6 +19,7 @@ pub mod chain;
 pub mod choice;
 pub mod cpu;
 pub mod csv;
+pub mod experiment;
 pub mod export;
 pub mod gpu;
 pub mod kernel;
@@ -30,6 +32,7 @@ pub mod problem;
 pub mod recordings;
 pub mod refine;
 pub mod sample;
+pub mod speed;
 pub mod synergies;
 pub mod synthesis;
 pub mod task;

@@ -547,7 +547,7 @@ const SLOWEST_REACH: f64 = 0.03;
 /// Frames on each side that the median looks at: two in a row may be wrong.
 const DESPIKE: usize = 2;
 /// The standard deviation of the Gaussian that smooths positions, s.
-const SMOOTHING: f64 = 0.03;
+pub(crate) const SMOOTHING: f64 = 0.03;
 /// The first peak that reaches this part of the highest speed is a reach; lower ones before it are fidgeting.
 const MAJOR: f64 = 0.2;
 /// A hand slower than this part of the peak rests.
@@ -572,7 +572,7 @@ fn despiked(path: &[Point]) -> Vec<Point> {
 
 /// Each point replaced by the mean of its neighbours in time under a Gaussian, which looks as far ahead as back and so delays
 /// nothing.
-fn smoothed(times: &[f64], path: &[Point]) -> Vec<Point> {
+pub(crate) fn smoothed(times: &[f64], path: &[Point]) -> Vec<Point> {
     let reach = 3.0 * SMOOTHING;
     times
         .iter()
@@ -595,7 +595,7 @@ fn smoothed(times: &[f64], path: &[Point]) -> Vec<Point> {
 }
 
 /// The speed in each frame, m/s: from the frame before to the frame after, where there are both.
-fn speeds(times: &[f64], path: &[Point]) -> Vec<f64> {
+pub(crate) fn speeds(times: &[f64], path: &[Point]) -> Vec<f64> {
     let last = path.len() - 1;
     (0..=last)
         .map(|i| {

@@ -93,10 +93,7 @@ fn refine_lanes<S: Instructions, const N: usize>(
         if stop.load(Ordering::Relaxed) {
             return None;
         }
-        let (floor, count) = S::proof().vectorize(
-            #[inline(always)]
-            || valley.descend(start),
-        );
+        let (floor, count) = valley.descend(start);
         evaluations.fetch_add(count * valley.motions.len() as u64, Ordering::Relaxed);
         Some(floor)
     });
@@ -131,10 +128,7 @@ fn scores_lanes<S: Instructions, const N: usize>(
                 return vec![f32::INFINITY; run.len()];
             };
             let shares: Vec<Vec<f32>> = run.iter().map(|(_, genes)| shares(genes)).collect();
-            S::proof().vectorize(
-                #[inline(always)]
-                || valley.scores(&shares),
-            )
+            valley.scores(&shares)
         })
         .collect();
     Ok(scores.concat())
@@ -181,7 +175,6 @@ struct Slope {
 
 impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     /// Where it leads, and how many candidates were scored on the way.
-    #[inline(always)]
     fn descend(&self, start: &Start) -> (Floor, u64) {
         let mut count = 0;
         let mut at = shares(&start.genes);
@@ -203,7 +196,6 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     /// The floor from `at` in the space where parameters with the same number in `groups` are one.
-    #[inline(always)]
     fn arrive(&self, at: &[f32], groups: &[usize], count: &mut u64) -> (Vec<f32>, f32) {
         let free = groups.iter().max().map_or(0, |most| most + 1);
         let mut at = at.to_vec();
@@ -241,8 +233,16 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     /// The scores of some points.
-    #[inline(always)]
     fn scores(&self, points: &[Vec<f32>]) -> Vec<f32> {
+        // Here and in `slope`, not further out: what is inside is compiled wherever it is called.
+        S::proof().vectorize(
+            #[inline(always)]
+            || self.scores_in_lanes(points),
+        )
+    }
+
+    #[inline(always)]
+    fn scores_in_lanes(&self, points: &[Vec<f32>]) -> Vec<f32> {
         let mut out = Vec::with_capacity(points.len());
         for some in points.chunks(Lanes::<S>::COUNT) {
             // Lanes without a point of their own take the last.
@@ -274,8 +274,15 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
 
     /// Gradient, curvature and scale at a point. Lane a of all vectors together is a step up along parameter a, and as many
     /// vectors after these are the steps down; the lane after the last step up is at the point itself.
-    #[inline(always)]
     fn slope(&self, at: &[f32], groups: &[usize], free: usize) -> Slope {
+        S::proof().vectorize(
+            #[inline(always)]
+            || self.slope_in_lanes(at, groups, free),
+        )
+    }
+
+    #[inline(always)]
+    fn slope_in_lanes(&self, at: &[f32], groups: &[usize], free: usize) -> Slope {
         let lanes = Lanes::<S>::COUNT;
         let vectors = (free + 1).div_ceil(lanes);
         let mut points = vec![at.to_vec(); 2 * vectors * lanes];

@@ -191,6 +191,163 @@ fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     assert_eq!(whole["generations"], stopped["generations"]);
 }
 
+/// An experiment on the shipped sample with a small search.
+fn experiment(which: &str, out: &Path, more: &[&str]) -> Output {
+    let mut arguments = vec!["experiment", which, "--out", out.to_str().unwrap()];
+    arguments.extend(&QUICK[..6]);
+    arguments.extend(more);
+    sinew(&arguments)
+}
+
+/// The rows of a CSV file, by the names of their columns.
+fn rows(path: &Path) -> Vec<std::collections::HashMap<String, String>> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    reader.deserialize().map(|row| row.unwrap()).collect()
+}
+
+#[test]
+fn an_experiment_writes_the_distances_that_learn_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let same = ["--stepper", "pseudo-inverse", "--seed", "5"];
+    let output = experiment("models", folder.path(), &same);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let printed = text(&output.stdout);
+    for words in ["S_A, pseudo-inverse", "S_D", "-55 %", "worse on"] {
+        assert!(printed.contains(words), "{printed}");
+    }
+    let found = rows(&folder.path().join("models.csv"));
+    assert_eq!(found.len(), 4 * 14);
+    let whole = json(&folder.path().join("models.json"));
+    assert_eq!(
+        (&whole["version"], &whole["figure"]),
+        (&1.into(), &3.into())
+    );
+    // The experiment's two files, and nothing else.
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+
+    for (index, model) in ["a", "b", "c", "d"].iter().enumerate() {
+        let learned = tempfile::tempdir().unwrap();
+        let output = learn(learned.path(), &[&same[..], &["--model", model]].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let written = json(&learned.path().join("synergies.json"));
+        let motions = written["motions"].as_array().unwrap();
+        for (row, motion) in found.iter().skip(14 * index).zip(motions) {
+            assert_eq!(row["recording"], motion["file"]);
+            assert_eq!(row["model"], format!("S_{}", model.to_uppercase()));
+            assert_eq!(row["stepper"], "pseudo-inverse");
+            assert_eq!(row["frames"], motion["frames"].to_string());
+            let distance: f64 = row["distance_cm"].parse().unwrap();
+            assert_eq!(Some(distance), motion["distance_cm"].as_f64());
+        }
+        assert_eq!(whole["searches"][index]["motions"], written["motions"]);
+        assert_eq!(whole["searches"][index]["seed"], 5);
+        let distances = motions.iter().map(|m| m["distance_cm"].as_f64().unwrap());
+        let mean = distances.sum::<f64>() / 14.0;
+        assert_eq!(whole["results"][index]["mean_cm"].as_f64(), Some(mean));
+    }
+}
+
+#[test]
+fn each_inverse_kinematics_is_compared_with_and_without_a_synergy() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(experiment("steppers", folder.path(), &[]).status.success());
+    let path = folder.path().join("steppers.csv");
+    let steppers = |found: &[std::collections::HashMap<String, String>]| -> Vec<String> {
+        found
+            .iter()
+            .step_by(2 * 14)
+            .map(|row| row["stepper"].clone())
+            .collect()
+    };
+    let paper = ["transpose", "pseudo-inverse", "normalised-transpose"];
+    assert_eq!(steppers(&rows(&path)), paper);
+    // Others on demand, each once.
+    let ours = ["--stepper", "damped,selectively-damped,damped"];
+    let output = experiment("steppers", folder.path(), &ours);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let found = rows(&path);
+    assert_eq!(found.len(), 2 * 2 * 14);
+    assert_eq!(steppers(&found), ["damped", "selectively-damped"]);
+    let results = &json(&folder.path().join("steppers.json"))["results"];
+    assert_eq!(results[1]["against"], "S_A");
+    assert!(results[1]["gain"]["reduction"].as_f64().unwrap() > 0.0);
+    assert_eq!(results[1]["paper"]["reduction"], Value::Null);
+}
+
+#[test]
+fn the_hands_speed_is_a_bell_where_it_is_recorded_and_none_without_a_synergy() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = experiment("speed", folder.path(), &["--generations", "200"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let whole = json(&folder.path().join("speed.json"));
+    let means = whole["results"]["means"].as_array().unwrap();
+    let bell = |k: usize| means[k]["minimum_jerk_correlation"].as_f64().unwrap();
+    assert!(bell(0) > 0.9 && bell(1) < 0.5 && bell(2) > bell(1));
+    let shapes = rows(&folder.path().join("shape.csv"));
+    assert_eq!(shapes.len(), 3 * 14);
+    let speeds = rows(&folder.path().join("speed.csv"));
+    let first: Vec<_> = speeds
+        .iter()
+        .filter(|row| row["recording"] == shapes[0]["recording"] && row["curve"] == "recorded")
+        .collect();
+    let frames = whole["searches"][0]["motions"][0]["frames"].as_u64();
+    assert_eq!(Some(first.len() as u64), frames);
+    let greatest = first
+        .iter()
+        .map(|row| row["speed_m_s"].parse::<f64>().unwrap())
+        .fold(0.0, f64::max);
+    assert_eq!(shapes[0]["greatest_m_s"].parse::<f64>().unwrap(), greatest);
+}
+
+#[test]
+fn an_experiment_refuses_what_learn_refuses_before_it_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for which in ["models", "steppers", "speed"] {
+        refused(&experiment(which, &out, &["missing.csv"]), &["missing.csv"]);
+        refused(&experiment(which, &out, &["--rate=0"]), &["--rate is 0"]);
+        refused(
+            &experiment(which, &out, &["--stepper=best"]),
+            &["possible values"],
+        );
+        assert!(!out.exists());
+        let file = format!("{which}.json");
+        std::fs::create_dir_all(folder.path().join(&file)).unwrap();
+        refused(&experiment(which, folder.path(), &[]), &[&file, "folder"]);
+    }
+    refused(
+        &experiment("speed", &out, &["--lambda=-1"]),
+        &["--lambda is -1"],
+    );
+    refused(&sinew(&["experiment"]), &["Usage"]);
+    refused(&sinew(&["experiment", "figure-6"]), &["figure-6"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_stopped_experiment_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["experiment", "models", "--out", out];
+    arguments.extend(QUICK);
+    arguments.extend(["--generations", "100000", "--population", "8192"]);
+    let mut running = command(&arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().starts_with("search 1 of 4")));
+    std::thread::sleep(Duration::from_millis(500));
+    Command::new("kill")
+        .args(["-INT", &running.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(told.any(|line| line.unwrap().starts_with("stopped in search")));
+    assert_eq!(running.wait().unwrap().code(), Some(130));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
 #[test]
 fn a_bench_prints_and_writes_what_it_measured() {
     let folder = tempfile::tempdir().unwrap();
@@ -331,7 +488,7 @@ fn the_devices_are_listed_and_help_reads_well() {
         devices.contains("cpu") && devices.contains("lanes"),
         "{devices}"
     );
-    for command in ["learn", "evaluate", "synthesize", "devices"] {
+    for command in ["learn", "evaluate", "synthesize", "experiment", "devices"] {
         let output = sinew(&[command, "--help"]);
         assert!(output.status.success() && text(&output.stdout).contains("Usage: sinew"));
     }

@@ -1,22 +1,15 @@
 //! `sinew learn`: from recordings to synergies.
 
-use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
-use sinew_learn::gpu::{self, Gpu, GpuError};
-use sinew_learn::kernel::proposal::ISLAND;
-use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
-use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
-use sinew_learn::recordings::{self, Recording};
-use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
-use sinew_learn::task::{Arm, Task, facing};
-use sinew_learn::{choice, cpu, urdf};
+use sinew_learn::learn::{Checkpoint, Ended, Kept, Search};
+use sinew_learn::problem::ModelKind;
+use sinew_learn::synergies::Synergies;
 
+use super::search::{
+    self, Options, Steering, backend, can_be_written, computed_by, named, synergies,
+};
 use super::{Failure, print, table};
 
 /// Learn synergies from recorded reaches and write them to DIR/synergies.json
@@ -25,91 +18,31 @@ use super::{Failure, print, table};
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
 pub struct Arguments {
-    /// Recordings (CSV), or folders of them [default: the sample that ships with the project]
-    recordings: Vec<PathBuf>,
     /// What each joint's synergy is made of
     #[arg(long, value_enum, default_value = "c")]
     model: ModelKind,
-    /// The inverse kinematics that it steers
-    #[arg(long, value_enum, default_value = "transpose")]
-    stepper: StepperKind,
-    /// Where to compute [auto: on what is measured to be faster]
-    #[arg(long, value_enum, default_value = "auto")]
-    backend: BackendChoice,
+    #[command(flatten)]
+    steering: Steering,
     /// Learn one parameter vector for all recordings together instead of one for each
     #[arg(long)]
     joint: bool,
-    /// Members for each parameter vector to begin with, taken up to a multiple of 64; the best go on
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    population: u32,
-    /// The most generations; it stops sooner once the population has settled
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    generations: u32,
-    /// Seed of the random numbers
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// The controller's rate, Hz
-    #[arg(long, default_value_t = 60.0)]
-    rate: f64,
-    /// The stepper's rate λ [default: the stepper's own, 100 for transpose, 10 for the others]
-    #[arg(long)]
-    lambda: Option<f64>,
-    /// Keep joints within their limits (the paper does not)
-    #[arg(long)]
-    clamp: bool,
-    /// Learn for the chain of this URDF file instead of a human arm
-    #[arg(long, value_name = "FILE", requires = "base", requires = "tip")]
-    chain: Option<PathBuf>,
-    /// The link that the chain begins at
-    #[arg(long, value_name = "LINK", requires = "chain")]
-    base: Option<String>,
-    /// The link that is to reach
-    #[arg(long, value_name = "LINK", requires = "chain")]
-    tip: Option<String>,
-    /// Compare a recording's landmark with the origin of a joint of --chain, as elbow=joint4; may be repeated
-    #[arg(long, value_name = "LANDMARK=JOINT", requires = "chain", value_parser = pair)]
-    landmark: Vec<(String, String)>,
+    #[command(flatten)]
+    options: Options,
     /// The folder to write to; it is made where it is not there
     #[arg(long, value_name = "DIR", default_value = "synergies")]
     out: PathBuf,
 }
 
-/// Where to compute.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum BackendChoice {
-    /// What is measured to be faster
-    Auto,
-    /// A Vulkan, Metal or DirectX 12 adapter
-    Gpu,
-    /// SIMD lanes and threads
-    Cpu,
-}
-
-/// LANDMARK=JOINT.
-fn pair(text: &str) -> Result<(String, String), String> {
-    match text.split_once('=') {
-        Some(("hand", _)) => Err("the hand is compared with --tip, always".to_owned()),
-        Some((landmark, joint)) if !landmark.is_empty() && !joint.is_empty() => {
-            Ok((landmark.to_owned(), joint.to_owned()))
-        }
-        _ => Err("expected LANDMARK=JOINT, such as elbow=joint4".to_owned()),
-    }
-}
-
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let recordings = match arguments.recordings.as_slice() {
-        [] => {
-            super::tell!("no recordings named: learning from the sample that ships with the project (made, not recorded)");
-            recordings::shipped()
-        }
-        paths => recordings::read(paths),
-    }
-    .map_err(Failure::input)?;
-    let problem = problem(arguments, &recordings)?;
+    let options = &arguments.options;
+    let Steering { stepper, lambda } = arguments.steering;
+    let settings = options.settings(stepper, lambda, arguments.model)?;
+    let tasks = options.tasks(&options.recordings()?)?;
+    let problem = options.problem(settings, tasks, arguments.joint);
     let fresh = Search::new(&problem);
-    can_be_written(&arguments.out)?;
-    let (mut backend, why) = backend(arguments, &problem, &fresh)?;
+    can_be_written(&arguments.out, &["synergies.json"])?;
+    let (mut backend, why) = backend(options, &problem, &fresh, Some(&arguments.out))?;
     let (name, device) = named(&backend);
     super::tell!("backend {name}: {device}{why}");
     let checkpoint = Checkpoint::new(&arguments.out, &problem, &computed_by(&backend));
@@ -132,26 +65,15 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Kept::Nothing => fresh,
     };
 
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(Failure::run)?;
-    let bar = Bar::new(arguments.generations);
-    let ended = search.run(
+    let stop = search::stop()?;
+    let ended = search::run(
+        &mut search,
         &problem,
         &mut backend,
-        arguments.generations,
+        options.generations,
         &stop,
         Some(&checkpoint),
-        |told| match told {
-            Ok(progress) => bar.show(&progress),
-            Err(words) => bar.say(&words),
-        },
-    );
-    bar.bar.finish_and_clear();
-    let ended = ended.map_err(|error| match error {
-        LearnError::Task(error) => Failure::input(error),
-        error => Failure::run(error),
-    })?;
+    )?;
     if ended == Ended::Stopped {
         super::tell!(
             "stopped after generation {}; the same command goes on from there ({})",
@@ -163,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 
     // The CPU may have taken over.
     let (name, device) = named(&backend);
-    let synergies = synergies(&problem, &recordings, &search, name, device)?;
+    let synergies = synergies(&problem, &search, name, device)?;
     let path = arguments.out.join("synergies.json");
     synergies
         .write(&path)
@@ -172,196 +94,6 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     print(&report(&synergies, ended))?;
     print(&format!("written to {}\n", path.display()))?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// Whether results can be put in a folder, asked before a search and not after it. The folder is made where need be.
-fn can_be_written(folder: &Path) -> Result<(), Failure> {
-    let wrong = |error| Failure::input(format!("{}: {error}", folder.display()));
-    std::fs::create_dir_all(folder).map_err(wrong)?;
-    tempfile::NamedTempFile::new_in(folder).map_err(wrong)?;
-    if folder.join("synergies.json").is_dir() {
-        return Err(Failure::Input(format!(
-            "{}: synergies.json in it is a folder",
-            folder.display()
-        )));
-    }
-    Ok(())
-}
-
-/// What is to be learned.
-fn problem(arguments: &Arguments, recordings: &[Recording]) -> Result<Problem, Failure> {
-    let ranges = [
-        ("--rate", Some(arguments.rate), 1e-3, 1e4),
-        ("--lambda", arguments.lambda, 1e-6, 1e5),
-    ];
-    for (option, value, least, most) in ranges {
-        if let Some(value) = value
-            && !(value >= least && value <= most)
-        {
-            return Err(Failure::Input(format!(
-                "{option} is {value}, expected {least} to {most}"
-            )));
-        }
-    }
-    let arm = match (&arguments.chain, &arguments.base, &arguments.tip) {
-        (Some(file), Some(base), Some(tip)) => {
-            let chain = urdf::read(file, base, tip).map_err(Failure::input)?;
-            Arm::Given(
-                chain
-                    .with_landmarks(&arguments.landmark)
-                    .map_err(Failure::input)?,
-            )
-        }
-        _ => {
-            let motions: Vec<_> = recordings
-                .iter()
-                .map(|recording| recording.motion.clone())
-                .collect();
-            Arm::Human(facing(&motions))
-        }
-    };
-    let task = |recording: &Recording| {
-        let task = Task::new(&recording.motion, &arm, arguments.rate)
-            .map_err(|error| Failure::Input(format!("{}: {error}", recording.file)))?;
-        Ok(Task {
-            name: recording.file.clone(),
-            ..task
-        })
-    };
-    let tasks = recordings
-        .iter()
-        .map(task)
-        .collect::<Result<Vec<Task>, Failure>>()?;
-    let sets = match arguments.joint {
-        true => vec![(0..tasks.len()).collect()],
-        false => (0..tasks.len()).map(|task| vec![task]).collect(),
-    };
-    Ok(Problem {
-        settings: Settings {
-            stepper: arguments.stepper,
-            model: arguments.model,
-            lambda: arguments.lambda.unwrap_or(arguments.stepper.rate()),
-            rate_hz: arguments.rate,
-            clamped: arguments.clamp,
-        },
-        tasks,
-        sets,
-        islands: (arguments.population as usize).div_ceil(ISLAND),
-        seed: arguments.seed,
-    })
-}
-
-/// The backend, and why it is this one, where that is not plain.
-fn backend(
-    arguments: &Arguments,
-    problem: &Problem,
-    search: &Search,
-) -> Result<(Backend, String), Failure> {
-    let device = |or_cpu| {
-        let device = Gpu::new(problem, &search.islands, gpu::Which::Best)?;
-        Ok::<_, GpuError>(Backend::Gpu {
-            device: Box::new(device),
-            or_cpu,
-        })
-    };
-    match arguments.backend {
-        BackendChoice::Cpu => return Ok((Backend::Cpu, String::new())),
-        BackendChoice::Gpu => return Ok((device(false).map_err(Failure::run)?, String::new())),
-        BackendChoice::Auto => {}
-    }
-    // A search goes on where it began, whatever is faster today.
-    let began_on = |computed_by: &str| {
-        let checkpoint = Checkpoint::new(&arguments.out, problem, computed_by);
-        matches!(checkpoint.read(), Kept::Search(_))
-    };
-    if began_on(CPU) {
-        return Ok((Backend::Cpu, " (it began there)".to_owned()));
-    }
-    if gpu::adapters()
-        .iter()
-        .any(|adapter| began_on(&adapter.to_string()))
-    {
-        match device(true) {
-            Ok(backend) => return Ok((backend, " (it began there)".to_owned())),
-            Err(error) => super::tell!("no GPU path: {error}"),
-        }
-    }
-    let (backend, reason) =
-        choice::faster(problem, &search.islands, arguments.generations).map_err(Failure::input)?;
-    Ok((backend, format!(" ({reason})")))
-}
-
-/// What a checkpoint of the CPU says of where it began.
-const CPU: &str = "cpu";
-
-/// What a checkpoint says of where it began: lanes give the same bits at every width and on any number of threads;
-/// devices need not.
-fn computed_by(backend: &Backend) -> String {
-    match backend {
-        Backend::Cpu => CPU.to_owned(),
-        Backend::Gpu { device, .. } => device.adapter().to_string(),
-    }
-}
-
-/// A backend's name and its device.
-fn named(backend: &Backend) -> (&'static str, String) {
-    match backend {
-        Backend::Cpu => ("cpu", cpu::describe()),
-        Backend::Gpu { device, .. } => ("gpu", device.adapter().to_string()),
-    }
-}
-
-/// What was learned, scored again in f64.
-fn synergies(
-    problem: &Problem,
-    recordings: &[Recording],
-    search: &Search,
-    backend: &str,
-    device: String,
-) -> Result<Synergies, Failure> {
-    let winners = search.winners(problem).map_err(Failure::input)?;
-    let Some(first) = problem.tasks.first() else {
-        return Err(Failure::Input("no recordings to learn from".to_owned()));
-    };
-    let mut motions: Vec<Option<LearnedMotion>> = vec![None; recordings.len()];
-    for (set, winner) in problem.sets.iter().zip(&winners) {
-        for (&index, &distance) in set.iter().zip(&winner.distances) {
-            let (Some(task), Some(slot)) = (problem.tasks.get(index), motions.get_mut(index))
-            else {
-                continue;
-            };
-            *slot = Some(LearnedMotion {
-                file: task.name.clone(),
-                chain: (task.chain != first.chain).then(|| task.chain.clone()),
-                initial_posture: task.initial.clone(),
-                target: task.target,
-                model: problem.settings.model,
-                parameters: winner.parameters.clone(),
-                distance_cm: distance * 100.0,
-                frames: task.reference.len(),
-            });
-        }
-    }
-    Ok(Synergies {
-        version: VERSION,
-        chain: first.chain.clone(),
-        stepper: problem.settings.stepper,
-        lambda: problem.settings.lambda,
-        rate_hz: problem.settings.rate_hz,
-        limits: if problem.settings.clamped {
-            LimitsKind::Clamped
-        } else {
-            LimitsKind::Free
-        },
-        motions: motions.into_iter().flatten().collect(),
-        seed: problem.seed,
-        population: problem.population(),
-        generations: search.generation,
-        evaluations: search.evaluations,
-        backend: backend.to_owned(),
-        device,
-        seconds: search.seconds,
-    })
 }
 
 /// What a person sees in the end.
@@ -382,11 +114,11 @@ fn report(synergies: &Synergies, ended: Ended) -> String {
     let mean = distances().sum::<f64>() / synergies.motions.len().max(1) as f64;
     rows.push(vec!["mean".to_owned(), String::new(), format!("{mean:.3}")]);
     let why = match ended {
-        Ended::Settled => "the population has settled",
+        Ended::Settled => "rounds gain nothing more",
         _ => "all generations ran",
     };
     format!(
-        "{}{} generations, {} members to begin with, {} motions synthesised in {:.1} s on {} ({why})\n",
+        "{}{} generations, {} members a vector, {} motions synthesised in {:.1} s on {} ({why})\n",
         table(&rows),
         synergies.generations,
         synergies.population,
@@ -394,51 +126,4 @@ fn report(synergies: &Synergies, ended: Ended) -> String {
         synergies.seconds,
         synergies.device,
     )
-}
-
-/// A progress bar on a terminal; a line every few seconds elsewhere.
-struct Bar {
-    bar: ProgressBar,
-    generations: u32,
-    last: std::cell::Cell<Option<Instant>>,
-}
-
-impl Bar {
-    fn new(generations: u32) -> Self {
-        let bar = ProgressBar::new(generations.into());
-        if let Ok(style) = ProgressStyle::with_template(
-            "{bar:30} {pos}/{len} generations  {msg}  {eta} left at most",
-        ) {
-            bar.set_style(style);
-        }
-        Bar {
-            bar,
-            generations,
-            last: std::cell::Cell::new(Some(Instant::now())),
-        }
-    }
-
-    fn show(&self, progress: &Progress) {
-        let Progress {
-            generation,
-            best,
-            mean,
-        } = progress;
-        let distances = format!("best {:.3} cm, mean {:.3} cm", best * 100.0, mean * 100.0);
-        if std::io::stderr().is_terminal() {
-            self.bar.set_position((*generation).into());
-            self.bar.set_message(distances);
-        } else if self
-            .last
-            .get()
-            .is_none_or(|last| last.elapsed() > Duration::from_secs(5))
-        {
-            self.last.set(Some(Instant::now()));
-            super::tell!("generation {generation}/{}: {distances}", self.generations);
-        }
-    }
-
-    fn say(&self, words: &str) {
-        self.bar.suspend(|| super::tell!("{words}"));
-    }
 }

@@ -1,11 +1,13 @@
-//! The commands, a file each, and how they end.
+//! The commands, a file each, and how they end; what those that learn share is in [`search`].
 
 pub mod bench;
 pub mod devices;
 pub mod evaluate;
+pub mod experiment;
 pub mod export;
 pub mod learn;
 pub mod play;
+mod search;
 pub mod synthesize;
 
 use std::fmt;
