@@ -9,6 +9,7 @@
 //! - [`kinematics`]: forward kinematics, landmarks, Jacobian
 //! - [`stepper`]: one step of inverse kinematics: Jᵀ, NJᵀ, J⁺, damped and selectively damped least squares
 //! - [`synergy`]: gains and time functions on the DoFs
+//! - [`map`]: which synergy serves a new target
 //! - [`controller`]: the tick that puts these together
 //! - [`metric`]: the distance between two motions
 //! - [`real`], [`math`]: the scalar all of it is written for
@@ -46,6 +47,7 @@ pub mod chain;
 pub mod controller;
 mod error;
 pub mod kinematics;
+pub mod map;
 pub mod math;
 pub mod metric;
 pub mod real;

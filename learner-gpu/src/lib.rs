@@ -10,6 +10,8 @@
 //! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
 //! - [`bench`]: how fast each of the places is
+//! - [`refine`]: from a member to the floor of its valley
+//! - [`map`]: from a new target to parameters
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
@@ -25,6 +27,7 @@ pub mod gpu;
 pub mod kernel;
 mod lanes;
 pub mod learn;
+pub mod map;
 pub mod motion;
 pub mod output;
 pub mod play;

@@ -105,6 +105,18 @@ fn refine_lanes<S: Instructions, const N: usize>(
 /// # Errors
 /// A task that the core refuses.
 pub fn scores(problem: &Problem, asked: &[(usize, &[u32])]) -> Result<Vec<f32>, TaskError> {
+    let points: Vec<(usize, Vec<f32>)> = asked
+        .iter()
+        .map(|&(set, genes)| (set, shares(genes)))
+        .collect();
+    scores_at(problem, &points)
+}
+
+/// The scores at points of the bounds, each on a set of motions: shares in [0, 1].
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn scores_at(problem: &Problem, asked: &[(usize, Vec<f32>)]) -> Result<Vec<f32>, TaskError> {
     let dofs = problem.dofs();
     with_dofs!(dofs, N => {
         dispatch!(Level::new(), S => scores_lanes::<S, N>(problem, asked))
@@ -113,11 +125,11 @@ pub fn scores(problem: &Problem, asked: &[(usize, &[u32])]) -> Result<Vec<f32>, 
 
 fn scores_lanes<S: Instructions, const N: usize>(
     problem: &Problem,
-    asked: &[(usize, &[u32])],
+    asked: &[(usize, Vec<f32>)],
 ) -> Result<Vec<f32>, TaskError> {
     let valleys = valleys::<S, N>(problem)?;
     // Runs of the same set share vectors.
-    let runs: Vec<&[(usize, &[u32])]> = asked
+    let runs: Vec<&[(usize, Vec<f32>)]> = asked
         .chunk_by(|a, b| a.0 == b.0)
         .flat_map(|run| run.chunks(Lanes::<S>::COUNT))
         .collect();
@@ -127,11 +139,35 @@ fn scores_lanes<S: Instructions, const N: usize>(
             let Some(valley) = run.first().and_then(|&(set, _)| valleys.get(set)) else {
                 return vec![f32::INFINITY; run.len()];
             };
-            let shares: Vec<Vec<f32>> = run.iter().map(|(_, genes)| shares(genes)).collect();
-            valley.scores(&shares)
+            let points: Vec<Vec<f32>> = run.iter().map(|(_, point)| point.clone()).collect();
+            valley.scores(&points)
         })
         .collect();
     Ok(scores.concat())
+}
+
+/// The landscape near points of the bounds, each on a set of motions.
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn slopes_at(problem: &Problem, asked: &[(usize, Vec<f32>)]) -> Result<Vec<Slope>, TaskError> {
+    let dofs = problem.dofs();
+    with_dofs!(dofs, N => {
+        dispatch!(Level::new(), S => slopes_lanes::<S, N>(problem, asked))
+    }, else Err(TaskError::Dofs { found: dofs }))
+}
+
+fn slopes_lanes<S: Instructions, const N: usize>(
+    problem: &Problem,
+    asked: &[(usize, Vec<f32>)],
+) -> Result<Vec<Slope>, TaskError> {
+    let valleys = valleys::<S, N>(problem)?;
+    let each: Vec<usize> = (0..problem.genes()).collect();
+    let slope = |(set, point): &(usize, Vec<f32>)| {
+        let valley = valleys.get(*set)?;
+        Some(valley.slope(point, &each, each.len()))
+    };
+    Ok(asked.par_iter().filter_map(slope).collect())
 }
 
 /// Each set of the problem, ready to be descended on.
@@ -165,12 +201,14 @@ struct Valley<'a, S: Simd, const N: usize> {
     motions: Vec<Ready<Lanes<S>, N>>,
 }
 
-/// The landscape near a point: what a step is found from.
-struct Slope {
-    gradient: DVector<f64>,
-    curvature: DMatrix<f64>,
+/// The landscape near a point: what a step is found from. Metres a whole bound, and that squared.
+pub struct Slope {
+    /// The score's first derivative.
+    pub gradient: DVector<f64>,
+    /// Its second, near enough.
+    pub curvature: DMatrix<f64>,
     /// What damps: diag(Σ w/‖e‖ · CᵀC).
-    scale: DVector<f64>,
+    pub scale: DVector<f64>,
 }
 
 impl<S: Instructions, const N: usize> Valley<'_, S, N> {

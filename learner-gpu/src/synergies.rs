@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::chain::{ChainDescription, ChainError};
 use crate::kernel::score::Ready;
+use crate::map::LearnedMap;
 use crate::motion::Point;
 use crate::output;
 use crate::problem::{MOST_DOFS, ModelKind, Settings, StepperKind, with_dofs};
@@ -31,6 +32,9 @@ pub struct Synergies {
     pub limits: LimitsKind,
     /// What was learned, a motion each.
     pub motions: Vec<LearnedMotion>,
+    /// What was learned of all of them, for other targets.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<LearnedMap>,
     /// The seed of the random numbers.
     pub seed: u64,
     /// Members for each parameter vector.
@@ -113,6 +117,14 @@ pub enum SynergiesError {
         /// The file.
         path: String,
     },
+    /// Its map is wrong.
+    #[error("{path}: map: {error}")]
+    Map {
+        /// The file.
+        path: String,
+        /// What the core said.
+        error: sinew::Error,
+    },
     /// A motion in it is wrong.
     #[error("{path}: motion {motion} ({file}): {what}")]
     Motion {
@@ -167,6 +179,11 @@ impl Synergies {
                     file: motion.file.clone(),
                     what,
                 })?;
+        }
+        if let Some(map) = &synergies.map {
+            let dofs = synergies.chain.joints.len();
+            let plan = map.plan(dofs, [0.0; 3], 1.0);
+            plan.map_err(|error| SynergiesError::Map { path: name, error })?;
         }
         Ok(synergies)
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use sinew_learn::learn::{Checkpoint, Ended, Kept, Search};
+use sinew_learn::map;
 use sinew_learn::problem::ModelKind;
 use sinew_learn::synergies::Synergies;
 
@@ -26,6 +27,9 @@ pub struct Arguments {
     /// Learn one parameter vector for all recordings together instead of one for each
     #[arg(long)]
     joint: bool,
+    /// Learn also a map from targets to parameters, for targets that no recording has, and try it on reaches left out
+    #[arg(long, conflicts_with = "joint")]
+    map: bool,
     #[command(flatten)]
     options: Options,
     /// The folder to write to; it is made where it is not there
@@ -85,13 +89,25 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 
     // The CPU may have taken over.
     let (name, device) = named(&backend);
-    let synergies = synergies(&problem, &search, name, device)?;
+    let mut synergies = synergies(&problem, &search, name, device)?;
+    if arguments.map {
+        let motions = synergies.motions.iter();
+        let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();
+        let tell = |words: &str| super::tell!("map: {words}");
+        synergies.map = map::learn(&problem, &own, &stop, tell).map_err(Failure::run)?;
+        if synergies.map.is_none() {
+            super::tell!("stopped: {} will have no map", arguments.out.display());
+        }
+    }
     let path = arguments.out.join("synergies.json");
     synergies
         .write(&path)
         .map_err(|error| Failure::run(format!("{}: {error}", path.display())))?;
     checkpoint.remove();
     print(&report(&synergies, ended))?;
+    if let Some(map) = &synergies.map {
+        print(&trials(map))?;
+    }
     print(&format!("written to {}\n", path.display()))?;
     Ok(ExitCode::SUCCESS)
 }
@@ -125,5 +141,27 @@ fn report(synergies: &Synergies, ended: Ended) -> String {
         synergies.evaluations,
         synergies.seconds,
         synergies.device,
+    )
+}
+
+/// How well parameters for new targets are found, in several ways.
+fn trials(learned: &map::LearnedMap) -> String {
+    let heading = ["new targets by", "fitted cm", "left out cm", "within 1 cm"];
+    let mut rows = vec![heading.map(str::to_owned).to_vec()];
+    for trial in &learned.trials {
+        rows.push(vec![
+            trial.name.clone(),
+            format!("{:.3}", trial.fitted_cm),
+            format!("{:.3}", trial.left_out_cm),
+            format!("{:.0} %", trial.arrived * 100.0),
+        ]);
+    }
+    format!(
+        "{}left out: learned without the reach and all within {:.0} cm of its target; the {} map is kept, trusted up to \
+         {:.0} cm from a learned target\n",
+        table(&rows),
+        map::NEAR * 100.0,
+        format!("{:?}", learned.degree).to_lowercase(),
+        learned.radius * 100.0,
     )
 }

@@ -140,3 +140,39 @@ pub fn choose<'a>(
         })
     })
 }
+
+/// The learned motion with the parameters that the file's map, where it has one, gives for a target, and in words where
+/// the parameters are from. A motion that is named keeps its own.
+pub fn planned(
+    synergies: &Synergies,
+    file: &Path,
+    name: Option<&str>,
+    target: Point,
+    seconds: Option<f64>,
+) -> Result<(LearnedMotion, String), Failure> {
+    let motion = choose(synergies, file, name, Some(target))?;
+    let own = || format!("the synergy of {}", motion.file);
+    let (Some(map), None) = (&synergies.map, name) else {
+        return Ok((motion.clone(), own()));
+    };
+    let usual = motion.frames.saturating_sub(1) as f64 / synergies.rate_hz;
+    let seconds = seconds.unwrap_or(usual);
+    let dofs = motion.initial_posture.len();
+    let (parameters, confidence) = map
+        .plan(dofs, target, seconds)
+        .map_err(|error| Failure::input(format!("{}: map: {error}", file.display())))?;
+    let words = if confidence > 0.0 {
+        format!("a synergy of the map, confidence {confidence:.2}")
+    } else {
+        let from = format!("{:.0} cm from", map.radius * 100.0);
+        format!(
+            "a synergy of the map from where it ends ({from} the nearest learned target: not to be trusted)"
+        )
+    };
+    let planned = LearnedMotion {
+        model: map.model,
+        parameters,
+        ..motion.clone()
+    };
+    Ok((planned, words))
+}

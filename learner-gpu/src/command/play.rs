@@ -10,7 +10,7 @@ use sinew_learn::play::{PlayError, Port, csv, faults};
 use sinew_learn::synergies::Synergies;
 use sinew_protocol::{Faults, Report, Settings};
 
-use super::{Failure, choose, print};
+use super::{Failure, planned, print};
 
 /// Play a reach on an arm controller and show its telemetry
 ///
@@ -102,10 +102,10 @@ fn load(arguments: &Arguments) -> Result<Option<Settings>, Failure> {
     };
     let synergies = Synergies::read(file).map_err(Failure::input)?;
     let name = arguments.motion.as_deref();
-    let motion = choose(&synergies, file, name, Some(arguments.target))?;
-    let settings = settings(&synergies, motion)
+    let (motion, from) = planned(&synergies, file, name, arguments.target, None)?;
+    let settings = settings(&synergies, &motion)
         .map_err(|error| Failure::input(format!("{}: {}: {error}", file.display(), motion.file)))?;
-    super::tell!("the synergy of {}", motion.file);
+    super::tell!("{from}");
     Ok(Some(settings))
 }
 

@@ -336,6 +336,7 @@ pub fn synergies(
             LimitsKind::Free
         },
         motions: motions.into_iter().flatten().collect(),
+        map: None,
         seed: problem.seed,
         population: problem.population(),
         generations: search.generation,

@@ -7,12 +7,13 @@ use sinew_learn::output;
 use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::{Synthesis, synthesize};
 
-use super::{Failure, choose, print};
+use super::{Failure, planned, print};
 
 /// Synthesise a reach to a new target with learned synergies, and write it as CSV
 ///
-/// The parameters, the initial posture and the duration are those of the learned motion whose target is nearest, or of
-/// the one named. The CSV has the recordings' columns, in the base frame, then one column a joint.
+/// The parameters are those that the file's map gives for the target, where it has a map (`learn --map`). Else they are,
+/// and the initial posture and the duration always are, those of the learned motion whose target is nearest, or of the
+/// one named. The CSV has the recordings' columns, in the base frame, then one column a joint.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The file that `sinew learn` wrote
@@ -35,12 +36,6 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
-    let motion = choose(
-        &synergies,
-        &arguments.file,
-        arguments.motion.as_deref(),
-        Some(arguments.target),
-    )?;
     if let Some(seconds) = arguments.seconds
         && !(seconds > 0.0 && seconds <= 3600.0)
     {
@@ -48,6 +43,13 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             "--seconds is {seconds}, expected above 0 and up to 3600"
         )));
     }
+    let (motion, from) = planned(
+        &synergies,
+        &arguments.file,
+        arguments.motion.as_deref(),
+        arguments.target,
+        arguments.seconds,
+    )?;
     let frames = match arguments.seconds {
         Some(seconds) => (seconds * synergies.rate_hz).round() as usize + 1,
         None => motion.frames,
@@ -58,16 +60,15 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         )));
     }
     let synthesis =
-        synthesize(&synergies, motion, arguments.target, frames).map_err(Failure::input)?;
+        synthesize(&synergies, &motion, arguments.target, frames).map_err(Failure::input)?;
     let text = synthesis.csv();
     output::replace(&arguments.csv, text.as_bytes())
         .map_err(|error| Failure::run(format!("{}: {error}", arguments.csv.display())))?;
     let Synthesis { left, .. } = synthesis;
     print(&format!(
-        "{}: {frames} frames at {} Hz with the synergy of {}; the hand ends {:.1} cm from the target\n",
+        "{}: {frames} frames at {} Hz with {from}; the hand ends {:.1} cm from the target\n",
         arguments.csv.display(),
         synergies.rate_hz,
-        motion.file,
         left * 100.0
     ))?;
     Ok(ExitCode::SUCCESS)

@@ -1,0 +1,528 @@
+//! A map from reaches to parameters, fitted to many reaches at once, and chosen by what it does on reaches left out
+//! ([`sinew::map`] is the map itself).
+//!
+//! The score of reach m with the parameters pₘ = W·φ(xₘ) is a function of the coefficients W, and its slopes follow from
+//! those in the parameters ([`crate::refine`]) by the chain rule: gradient Σₘ gₘφₘᵀ, curvature Σₘ Hₘ ⊗ φₘφₘᵀ. So a map is
+//! fitted by the same Levenberg and Marquardt's method as a reach, from one vector for all reaches up: first that vector
+//! alone, then an affine map from it, then a quadratic one.
+//!
+//! Reaches that a step throws off course say little about where to go: a score beyond [`FAR`] counts a fifth, and a
+//! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, terms};
+
+use crate::kernel::score::Ready;
+use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
+use crate::motion::{Point, distance};
+use crate::problem::{ModelKind, Problem, with_dofs};
+use crate::refine::{scores_at, slopes_at};
+use crate::task::{Task, TaskError};
+
+/// Of a score beyond this, metres, only a fifth of the rest counts while fitting.
+const FAR: f64 = 0.1;
+/// The weight of the squared coefficients, metres.
+const RIDGE: f64 = 1e-5;
+/// Steps of a fit, at most.
+const MOST_STEPS: usize = 60;
+/// A reach that is left out takes with it all whose targets are this near, metres.
+pub const NEAR: f64 = 0.05;
+/// Up to so many reaches are left out one by one; of more, in as many groups.
+const MOST_FOLDS: usize = 24;
+/// Rounds of the search for one vector for all reaches.
+const ROUNDS: u32 = 2;
+
+/// How a parameter depends on a reach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Degree {
+    /// Not at all: one vector for all.
+    Constant,
+    /// Affinely.
+    Affine,
+    /// By all products of two inputs.
+    Quadratic,
+}
+
+impl Degree {
+    /// All of them, the simplest first.
+    pub const ALL: [Degree; 3] = [Degree::Constant, Degree::Affine, Degree::Quadratic];
+
+    /// How many of [`terms`] there are.
+    fn terms(self) -> usize {
+        match self {
+            Degree::Constant => 1,
+            Degree::Affine => 1 + INPUTS,
+            Degree::Quadratic => TERMS,
+        }
+    }
+}
+
+/// A learned map, as the file has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LearnedMap {
+    /// The synergy model.
+    pub model: ModelKind,
+    /// How parameters depend on reaches.
+    pub degree: Degree,
+    /// The middle of each input: the target's x, y and z in metres, and the time in seconds.
+    pub centre: Vec<f64>,
+    /// What each input is divided by.
+    pub scale: Vec<f64>,
+    /// For each parameter, the coefficients of [`sinew::map::terms`].
+    pub coefficients: Vec<Vec<f64>>,
+    /// Targets it was learned from: all, or as many as a map holds, spread out.
+    pub targets: Vec<Point>,
+    /// How far from these it is trusted, metres: as far as it was tried.
+    pub radius: f64,
+    /// What was tried.
+    pub trials: Vec<Trial>,
+}
+
+/// A way to find the parameters of a new reach, tried on reaches left out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// In words.
+    pub name: String,
+    /// The mean distance on the reaches it was learned from, all of them, cm.
+    pub fitted_cm: f64,
+    /// The mean distance on reaches that were left out with their neighbours, cm.
+    pub left_out_cm: f64,
+    /// The share of these where the hand ends within 1 cm of the target.
+    pub arrived: f64,
+}
+
+impl LearnedMap {
+    /// The map for N DoFs.
+    ///
+    /// # Errors
+    /// What the core refuses.
+    pub fn build<const N: usize>(&self) -> Result<SynergyMap<f64, N>, sinew::Error> {
+        let wrong = |what, expected, found| sinew::Error::WrongCount {
+            what,
+            expected,
+            found,
+        };
+        let inputs = |values: &[f64]| {
+            <[f64; INPUTS]>::try_from(values).map_err(|_| wrong("inputs", INPUTS, values.len()))
+        };
+        let row = |row: &Vec<f64>| {
+            <[f64; TERMS]>::try_from(row.as_slice())
+                .map_err(|_| wrong("coefficients", TERMS, row.len()))
+        };
+        let rows = self.coefficients.iter().map(row);
+        SynergyMap::new(
+            self.model.into(),
+            inputs(&self.centre)?,
+            inputs(&self.scale)?,
+            &rows.collect::<Result<Vec<_>, _>>()?,
+            &self.targets,
+            self.radius,
+        )
+    }
+
+    /// The parameters for a reach of an arm with so many DoFs, and how far to trust them, from 0 to 1.
+    ///
+    /// # Errors
+    /// What the core refuses.
+    pub fn plan(
+        &self,
+        dofs: usize,
+        target: Point,
+        seconds: f64,
+    ) -> Result<(Vec<f64>, f64), sinew::Error> {
+        with_dofs!(dofs, N => {
+            let planned = self.build::<N>()?.plan(&Reach { target, seconds })?;
+            Ok((planned.parameters.to_vec(), planned.confidence))
+        }, else Err(sinew::Error::WrongCount { what: "DoFs", expected: 7, found: dofs }))
+    }
+}
+
+/// Learns a map from a problem with one set a motion, of which the best parameters are known (`own`), and tries it.
+/// None where `stop` was set meanwhile. `tell` hears how it goes.
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn learn(
+    problem: &Problem,
+    own: &[Vec<f64>],
+    stop: &AtomicBool,
+    tell: impl Fn(&str),
+) -> Result<Option<LearnedMap>, LearnError> {
+    let inputs: Vec<[f64; INPUTS]> = problem
+        .tasks
+        .iter()
+        .map(|task| inputs(problem, task))
+        .collect();
+    let (centre, scale) = spread(&inputs);
+    let standardised = |x: &[f64; INPUTS]| {
+        std::array::from_fn::<f64, INPUTS, _>(|i| ((x[i] - centre[i]) / scale[i]).clamp(-3.0, 3.0))
+    };
+    let fit = Fit {
+        problem,
+        terms: inputs
+            .iter()
+            .map(|x| terms(&standardised(x)).to_vec())
+            .collect(),
+        stop,
+    };
+
+    // One vector for all, by the population: the fits begin there.
+    tell("one vector for all reaches");
+    let jointly = Problem {
+        sets: vec![(0..problem.tasks.len()).collect()],
+        islands: 1,
+        ..problem.clone()
+    };
+    let mut search = Search::new(&jointly);
+    let generations = ROUNDS * GENERATIONS_A_ROUND;
+    search.run(&jointly, &mut Backend::Cpu, generations, stop, None, |_| {})?;
+    let Some(one) = search.winners(&jointly)?.into_iter().next() else {
+        return Ok(None);
+    };
+    let one = shares(problem, &one.parameters);
+
+    let all: Vec<usize> = (0..problem.tasks.len()).collect();
+    let folds = folds(problem);
+    let mut trials = vec![nearest(problem, own)?];
+    let mut best: Option<(f64, Degree, DMatrix<f64>)> = None;
+    for degree in Degree::ALL {
+        tell(&format!(
+            "{degree:?} map, with {} groups left out",
+            folds.len()
+        ));
+        let whole = fit.from(&one, degree, &all)?;
+        let mut scored = Vec::new();
+        for (left_out, kept) in &folds {
+            let part = fit.from(&one, degree, kept)?;
+            scored.extend(left_out.iter().map(|&reach| (reach, fit.at(&part, reach))));
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let trial = Trial {
+            name: format!("{degree:?} map").to_lowercase(),
+            fitted_cm: 100.0 * fit.mean(&whole, &all)?,
+            ..trial(problem, &scored)?
+        };
+        if best
+            .as_ref()
+            .is_none_or(|(least, ..)| trial.left_out_cm < *least)
+        {
+            best = Some((trial.left_out_cm, degree, whole));
+        }
+        trials.push(trial);
+    }
+    let Some((_, degree, weights)) = best else {
+        return Ok(None);
+    };
+
+    let bounds = problem.settings.bounds(problem.dofs());
+    let row = |(k, &(lower, upper)): (usize, &(f32, f32))| {
+        let (lower, width) = (f64::from(lower), f64::from(upper - lower));
+        let coefficient = |j: usize| match j {
+            0 => lower + width * weights[(k, 0)],
+            j if j < weights.ncols() => width * weights[(k, j)],
+            _ => 0.0,
+        };
+        (0..TERMS).map(coefficient).collect()
+    };
+    Ok(Some(LearnedMap {
+        model: problem.settings.model,
+        degree,
+        centre: centre.to_vec(),
+        scale: scale.to_vec(),
+        coefficients: bounds.iter().enumerate().map(row).collect(),
+        targets: spread_out(problem),
+        radius: gap(problem, &folds).max(NEAR),
+        trials,
+    }))
+}
+
+/// What a map looks at.
+fn inputs(problem: &Problem, task: &Task) -> [f64; INPUTS] {
+    let [x, y, z] = task.target;
+    let ticks = task.reference.len().saturating_sub(1);
+    [x, y, z, ticks as f64 * problem.settings.dt()]
+}
+
+/// Mean and standard deviation of each input; 1 where an input is always the same.
+fn spread(inputs: &[[f64; INPUTS]]) -> ([f64; INPUTS], [f64; INPUTS]) {
+    let count = inputs.len().max(1) as f64;
+    let mean: [f64; INPUTS] =
+        std::array::from_fn(|i| inputs.iter().map(|x| x[i]).sum::<f64>() / count);
+    let deviation = std::array::from_fn(|i| {
+        let square: f64 = inputs.iter().map(|x| (x[i] - mean[i]).powi(2)).sum();
+        let deviation = (square / count).sqrt();
+        if deviation > 1e-6 { deviation } else { 1.0 }
+    });
+    (mean, deviation)
+}
+
+/// Parameters as shares of their bounds.
+fn shares(problem: &Problem, parameters: &[f64]) -> Vec<f64> {
+    let bounds = problem.settings.bounds(problem.dofs());
+    let share = |(&p, (lower, upper)): (&f64, (f32, f32))| {
+        (p - f64::from(lower)) / f64::from(upper - lower)
+    };
+    parameters.iter().zip(bounds).map(share).collect()
+}
+
+/// Groups of reaches, and those that are far from all of the group's targets.
+fn folds(problem: &Problem) -> Vec<(Vec<usize>, Vec<usize>)> {
+    let count = problem.tasks.len();
+    let groups = count.min(MOST_FOLDS);
+    let group = |g: usize| {
+        let left_out: Vec<usize> = (g..count).step_by(groups.max(1)).collect();
+        let far = |&reach: &usize| {
+            left_out.iter().all(|&other| {
+                distance(problem.tasks[reach].target, problem.tasks[other].target) >= NEAR
+            })
+        };
+        let kept: Vec<usize> = (0..count).filter(far).collect();
+        (left_out, kept)
+    };
+    let folds = (0..groups).map(group);
+    folds.filter(|(_, kept)| !kept.is_empty()).collect()
+}
+
+/// The furthest that a reach left out was from all that were kept, metres.
+fn gap(problem: &Problem, folds: &[(Vec<usize>, Vec<usize>)]) -> f64 {
+    let target = |reach: usize| problem.tasks[reach].target;
+    let gaps = folds.iter().flat_map(|(left_out, kept)| {
+        left_out.iter().map(move |&reach| {
+            let away = kept
+                .iter()
+                .map(|&other| distance(target(reach), target(other)));
+            away.fold(f64::INFINITY, f64::min)
+        })
+    });
+    gaps.fold(0.0, f64::max)
+}
+
+/// The parameters of the nearest target, of those further away than [`NEAR`].
+fn nearest(problem: &Problem, own: &[Vec<f64>]) -> Result<Trial, TaskError> {
+    let count = problem.tasks.len();
+    let away = |a: usize, b: usize| distance(problem.tasks[a].target, problem.tasks[b].target);
+    let taken = |reach: usize| {
+        (0..count)
+            .filter(|&other| other != reach && away(reach, other) >= NEAR)
+            .min_by(|&a, &b| away(reach, a).total_cmp(&away(reach, b)))
+    };
+    let point = |parameters: &[f64]| -> Vec<f32> {
+        let shares = shares(problem, parameters);
+        shares.iter().map(|&share| share as f32).collect()
+    };
+    let fitted: Vec<(usize, Vec<f32>)> = (0..count).map(|m| (m, point(&own[m]))).collect();
+    let scored: Vec<(usize, Vec<f32>)> = (0..count)
+        .filter_map(|reach| Some((reach, point(&own[taken(reach)?]))))
+        .collect();
+    Ok(Trial {
+        name: "nearest learned target".to_owned(),
+        fitted_cm: trial(problem, &fitted)?.left_out_cm,
+        ..trial(problem, &scored)?
+    })
+}
+
+/// The mean distance of reaches with these parameters, and how many arrive.
+fn trial(problem: &Problem, scored: &[(usize, Vec<f32>)]) -> Result<Trial, TaskError> {
+    let bounds = problem.settings.bounds(problem.dofs());
+    let scores = scores_at(problem, scored)?;
+    let mut arrived = 0;
+    for (reach, point) in scored {
+        let task = &problem.tasks[*reach];
+        let parameters: Vec<f64> = point
+            .iter()
+            .zip(&bounds)
+            .map(|(&share, &(lower, upper))| f64::from(lower + (upper - lower) * share))
+            .collect();
+        let dofs = problem.dofs();
+        let mut tip = task.target;
+        with_dofs!(dofs, N => {
+            let ready = Ready::<f64, N>::new(task)?;
+            let visit = |_, at: &sinew::kinematics::Kinematics<'_, f64, N>, _: &[f64; N]| tip = at.tip();
+            // Refused parameters do not arrive.
+            if ready.synthesise(&problem.settings, &parameters, task.reference.len(), visit).is_err() {
+                tip = [f64::INFINITY; 3];
+            }
+        }, else return Err(TaskError::Dofs { found: dofs }));
+        arrived += usize::from(distance(tip, task.target) <= 0.01);
+    }
+    let count = scored.len().max(1) as f64;
+    Ok(Trial {
+        name: String::new(),
+        fitted_cm: 0.0,
+        left_out_cm: 100.0 * scores.iter().map(|&score| f64::from(score)).sum::<f64>() / count,
+        arrived: arrived as f64 / count,
+    })
+}
+
+/// The targets, or as many as a map holds, each as far from those before it as can be.
+fn spread_out(problem: &Problem) -> Vec<Point> {
+    let mut left: Vec<Point> = problem.tasks.iter().map(|task| task.target).collect();
+    let mut out = Vec::new();
+    while out.len() < MOST_TARGETS && !left.is_empty() {
+        let away = |point: &Point| {
+            let each = out.iter().map(|&known| distance(known, *point));
+            each.fold(f64::INFINITY, f64::min)
+        };
+        let furthest = (0..left.len())
+            .max_by(|&a, &b| away(&left[a]).total_cmp(&away(&left[b])))
+            .unwrap_or(0);
+        let point = left.swap_remove(furthest);
+        out.push(point);
+    }
+    out
+}
+
+/// The reaches that maps are fitted to.
+struct Fit<'a> {
+    problem: &'a Problem,
+    /// Each reach's terms.
+    terms: Vec<Vec<f64>>,
+    stop: &'a AtomicBool,
+}
+
+impl Fit<'_> {
+    /// A map fitted to some reaches, from one vector up to a degree.
+    fn from(
+        &self,
+        one: &[f64],
+        degree: Degree,
+        reaches: &[usize],
+    ) -> Result<DMatrix<f64>, TaskError> {
+        let mut weights = DMatrix::from_column_slice(one.len(), 1, one);
+        for step in Degree::ALL.into_iter().filter(|&step| step <= degree) {
+            weights = self.descend(weights.resize_horizontally(step.terms(), 0.0), reaches)?;
+        }
+        Ok(weights)
+    }
+
+    /// The parameters of a reach, as shares of their bounds.
+    fn at(&self, weights: &DMatrix<f64>, reach: usize) -> Vec<f32> {
+        let terms = DVector::from_column_slice(&self.terms[reach][..weights.ncols()]);
+        let shares = weights * terms;
+        shares
+            .iter()
+            .map(|share| share.clamp(0.0, 1.0) as f32)
+            .collect()
+    }
+
+    fn points(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Vec<(usize, Vec<f32>)> {
+        let point = |&reach: &usize| (reach, self.at(weights, reach));
+        reaches.iter().map(point).collect()
+    }
+
+    /// The mean distance, metres.
+    fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<f64, TaskError> {
+        let scores = scores_at(self.problem, &self.points(weights, reaches))?;
+        let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
+        Ok(sum / reaches.len().max(1) as f64)
+    }
+
+    /// What is made small.
+    fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<f64, TaskError> {
+        let scores = scores_at(self.problem, &self.points(weights, reaches))?;
+        let counted = |&score: &f32| {
+            let score = f64::from(score);
+            score.min(FAR) + 0.2 * (score - FAR).max(0.0)
+        };
+        let sum: f64 = scores.iter().map(counted).sum();
+        let ridge = weights.columns_range(1..).norm_squared() * RIDGE;
+        Ok(sum / reaches.len().max(1) as f64 + ridge)
+    }
+
+    /// Levenberg and Marquardt's steps from these weights, until they gain nothing.
+    fn descend(&self, weights: DMatrix<f64>, reaches: &[usize]) -> Result<DMatrix<f64>, TaskError> {
+        let (rows, columns) = weights.shape();
+        let mut weights = weights;
+        let mut least = self.cost(&weights, reaches)?;
+        let mut damping = 1e-2;
+        let mut idle = 0;
+        for _ in 0..MOST_STEPS {
+            if self.stop.load(Ordering::Relaxed) || idle > 3 {
+                break;
+            }
+            let (curvature, gradient, scale) = self.slope(&weights, reaches)?;
+            let before = least;
+            for _ in 0..8 {
+                let mut matrix = curvature.clone();
+                for a in 0..rows * columns {
+                    matrix[(a, a)] += damping * scale[a].max(1e-7);
+                }
+                if let Some(factors) = matrix.cholesky() {
+                    let step = factors.solve(&-&gradient);
+                    let next = DMatrix::from_fn(rows, columns, |k, j| {
+                        weights[(k, j)] + step[k * columns + j]
+                    });
+                    let cost = self.cost(&next, reaches)?;
+                    if cost < least {
+                        (weights, least) = (next, cost);
+                        damping = (damping * 0.3).max(1e-6);
+                        break;
+                    }
+                }
+                damping *= 5.0;
+            }
+            idle = if before - least > 1e-4 * least {
+                0
+            } else {
+                idle + 1
+            };
+        }
+        Ok(weights)
+    }
+
+    /// Curvature, gradient and scale of the cost; row k's coefficient j is number k·columns + j.
+    fn slope(
+        &self,
+        weights: &DMatrix<f64>,
+        reaches: &[usize],
+    ) -> Result<(DMatrix<f64>, DVector<f64>, DVector<f64>), TaskError> {
+        let (rows, columns) = weights.shape();
+        let size = rows * columns;
+        let points = self.points(weights, reaches);
+        let slopes = slopes_at(self.problem, &points)?;
+        let mut steep: Vec<f64> = slopes.iter().map(|slope| slope.scale.sum()).collect();
+        let each = steep.clone();
+        steep.sort_by(f64::total_cmp);
+        let usual = steep.get(steep.len() / 2).copied().unwrap_or(1.0);
+        let mut curvature = DMatrix::zeros(size, size);
+        let (mut gradient, mut scale) = (DVector::zeros(size), DVector::zeros(size));
+        for (((reach, point), slope), steepness) in points.iter().zip(&slopes).zip(&each) {
+            let share = (3.0 * usual / steepness.max(1e-12)).min(1.0) / reaches.len().max(1) as f64;
+            let terms = &self.terms[*reach][..columns];
+            // A parameter on its bound that is pushed further has no slope.
+            let free: Vec<usize> = (0..rows)
+                .filter(|&k| {
+                    let (at, slope) = (point[k], slope.gradient[k]);
+                    !((at <= 0.0 && slope > 0.0) || (at >= 1.0 && slope < 0.0))
+                })
+                .collect();
+            for &k in &free {
+                for (j, term) in terms.iter().enumerate() {
+                    let a = k * columns + j;
+                    gradient[a] += share * slope.gradient[k] * term;
+                    scale[a] += share * slope.scale[k] * term * term;
+                    for &l in &free {
+                        let bend = share * slope.curvature[(k, l)] * term;
+                        for (i, other) in terms.iter().enumerate() {
+                            curvature[(a, l * columns + i)] += bend * other;
+                        }
+                    }
+                }
+            }
+        }
+        for k in 0..rows {
+            for j in 1..columns {
+                let a = k * columns + j;
+                gradient[a] += 2.0 * RIDGE * weights[(k, j)];
+                curvature[(a, a)] += 2.0 * RIDGE;
+            }
+        }
+        Ok((curvature, gradient, scale))
+    }
+}
