@@ -54,17 +54,57 @@ impl<T: Real, const N: usize> Chain<T, N> {
     #[inline(always)]
     fn pass<const WITHIN: bool>(&self, q: &[T; N]) -> Kinematics<'_, T, N> {
         let (axes, at) = self.base;
-        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores. Written in
-        // place: arrays moved in at the end are copied.
-        let mut out = Kinematics {
+        // Filled with what is at hand: a fill with zeros is a call to memset, slower than the stores. Arrays of
+        // their own: inside of the struct a Cortex-M4F's were copied, 200 instructions a tick.
+        let mut axis = [axes[2]; N];
+        let mut origin = [at; N];
+        let (tip, last) = self.walk::<WITHIN>(q, &mut axis, &mut origin);
+        Kinematics {
             chain: self,
-            axis: [axes[2]; N],
-            origin: [at; N],
-            tip: at,
-            last: axes,
-        };
-        out.put::<WITHIN>(q);
-        out
+            axis,
+            origin,
+            tip,
+            last,
+        }
+    }
+
+    /// From base to tip: writes the axes and origins of the DoFs, and gives the tip and the last axes.
+    #[inline(always)]
+    fn walk<const WITHIN: bool>(
+        &self,
+        q: &[T; N],
+        axis: &mut [Vec3<T>; N],
+        origin: &mut [Vec3<T>; N],
+    ) -> (Vec3<T>, Axes<T>) {
+        let (mut axes, mut at) = self.base;
+        let mut at_once = [(T::zero(), T::zero()); N];
+        if T::AT_ONCE {
+            for i in 0..N {
+                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
+            }
+        }
+        // No closure in here: one that is not inlined is compiled without the lanes' instructions, ten times slower.
+        for i in 0..N {
+            let link = &self.links[i];
+            at = moved(at, &axes, &link.shift);
+            axes = turned_by(axes, &link.turn);
+            match link.kind {
+                Kind::Revolute => {
+                    let (s, c) = if T::AT_ONCE {
+                        at_once[i]
+                    } else {
+                        sine_and_cosine::<T, WITHIN>(q[i])
+                    };
+                    (axes, axis[i]) = turned_about(axes, link, s, c);
+                }
+                Kind::Prismatic => {
+                    axis[i] = own_axis(&axes, link);
+                    at = add(at, scale(axis[i], q[i]));
+                }
+            }
+            origin[i] = at;
+        }
+        (moved(at, &axes, &self.tip.1), axes)
     }
 }
 
@@ -99,31 +139,37 @@ fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
     }
 }
 
-/// The axes after a DoF's own motion, and its axis. The motion is a turn by an angle of this sine and cosine, or none.
+/// The axis of a DoF.
 #[inline(always)]
-fn through<T: Real>(axes: Axes<T>, link: &Link<T>, turn: Option<(T, T)>) -> (Axes<T>, Vec3<T>) {
+fn own_axis<T: Real>(axes: &Axes<T>, link: &Link<T>) -> Vec3<T> {
+    let axis = match link.axis {
+        0 => axes[0],
+        1 => axes[1],
+        _ => axes[2],
+    };
+    if link.flip { negate(axis) } else { axis }
+}
+
+/// The axes after a DoF turned by the angle of this sine and cosine, and its axis.
+#[inline(always)]
+fn turned_about<T: Real>(axes: Axes<T>, link: &Link<T>, s: T, c: T) -> (Axes<T>, Vec3<T>) {
     // Six arms rather than three and a choice of sign in each: 11 of 90 Cortex-M4F instructions a DoF.
     match (link.axis, link.flip) {
-        (0, false) => (about::<T, 1, 2>(axes, turn), axes[0]),
-        (1, false) => (about::<T, 2, 0>(axes, turn), axes[1]),
-        (_, false) => (about::<T, 0, 1>(axes, turn), axes[2]),
-        (0, true) => (about::<T, 2, 1>(axes, turn), negate(axes[0])),
-        (1, true) => (about::<T, 0, 2>(axes, turn), negate(axes[1])),
-        (_, true) => (about::<T, 1, 0>(axes, turn), negate(axes[2])),
+        (0, false) => (about::<T, 1, 2>(axes, s, c), axes[0]),
+        (1, false) => (about::<T, 2, 0>(axes, s, c), axes[1]),
+        (_, false) => (about::<T, 0, 1>(axes, s, c), axes[2]),
+        (0, true) => (about::<T, 2, 1>(axes, s, c), negate(axes[0])),
+        (1, true) => (about::<T, 0, 2>(axes, s, c), negate(axes[1])),
+        (_, true) => (about::<T, 1, 0>(axes, s, c), negate(axes[2])),
     }
 }
 
-/// The axes after a turn, by its sine and cosine, that moves axis A towards B; untouched where the DoF slides.
+/// The axes after a turn, by its sine and cosine, that moves axis A towards B.
 #[inline(always)]
-fn about<T: Real, const A: usize, const B: usize>(
-    mut axes: Axes<T>,
-    turn: Option<(T, T)>,
-) -> Axes<T> {
-    if let Some((s, c)) = turn {
-        let (a, b) = (axes[A], axes[B]);
-        axes[A] = add(scale(a, c), scale(b, s));
-        axes[B] = sub(scale(b, c), scale(a, s));
-    }
+fn about<T: Real, const A: usize, const B: usize>(mut axes: Axes<T>, s: T, c: T) -> Axes<T> {
+    let (a, b) = (axes[A], axes[B]);
+    axes[A] = add(scale(a, c), scale(b, s));
+    axes[B] = sub(scale(b, c), scale(a, s));
     axes
 }
 
@@ -132,38 +178,7 @@ impl<T: Real, const N: usize> Kinematics<'_, T, N> {
     /// array to fill first.
     #[inline(always)]
     pub fn move_within(&mut self, q: &[T; N]) {
-        self.put::<true>(q);
-    }
-
-    #[inline(always)]
-    fn put<const WITHIN: bool>(&mut self, q: &[T; N]) {
-        let chain = self.chain;
-        let (mut axes, mut at) = chain.base;
-        let mut at_once = [(T::zero(), T::zero()); N];
-        if T::AT_ONCE {
-            for i in 0..N {
-                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
-            }
-        }
-        for i in 0..N {
-            let link = &chain.links[i];
-            let turn = (link.kind == Kind::Revolute).then(|| {
-                if T::AT_ONCE {
-                    at_once[i]
-                } else {
-                    sine_and_cosine::<T, WITHIN>(q[i])
-                }
-            });
-            at = moved(at, &axes, &link.shift);
-            axes = turned_by(axes, &link.turn);
-            (axes, self.axis[i]) = through(axes, link, turn);
-            if link.kind == Kind::Prismatic {
-                at = add(at, scale(self.axis[i], q[i]));
-            }
-            self.origin[i] = at;
-        }
-        self.tip = moved(at, &axes, &chain.tip.1);
-        self.last = axes;
+        (self.tip, self.last) = self.chain.walk::<true>(q, &mut self.axis, &mut self.origin);
     }
 
     /// The tip's position.
