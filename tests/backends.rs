@@ -54,7 +54,7 @@ fn a_settled_population_scores_the_same_on_both() {
         search
             .run(&problem, &mut Backend::Cpu, 400, &stop, None, |_| {})
             .unwrap();
-        let differences = differences(&both(&search.left(&problem), &search.islands));
+        let differences = differences(&both(&problem, &search.islands));
         let most = differences[(differences.len() as f64 * 0.999) as usize - 1];
         let worst = differences.last().unwrap();
         println!(

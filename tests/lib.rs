@@ -11,12 +11,17 @@ use sinew::chain::{Joint, Kind};
 /// A file or folder of `../shared` (recordings, robot models, reference numbers), which lies beside the repository and
 /// not in it. Where it is not there, says so: the test that asked has nothing to test.
 pub fn shared(path: &str) -> Option<PathBuf> {
-    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    if shared.is_dir() {
-        return Some(shared.join(path));
+    let shared = shared_folder();
+    if shared.is_none() {
+        println!("skipped: ../shared is not here");
     }
-    println!("skipped: ../shared is not here");
-    None
+    Some(shared?.join(path))
+}
+
+/// `../shared`, where it is there.
+pub fn shared_folder() -> Option<PathBuf> {
+    let shared = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    shared.is_dir().then_some(shared)
 }
 
 /// Tᵢ of SPEC section 1 for every DoF, as a plain product of transforms: base · Π (Rᵢ, tᵢ)·motionᵢ(qᵢ).

@@ -1,7 +1,5 @@
 //! The reaches that tests learn from.
 
-use std::path::PathBuf;
-
 use sinew_learn::csv;
 use sinew_learn::gpu::adapters;
 use sinew_learn::motion::Motion;
@@ -16,13 +14,30 @@ use crate::shared;
 /// # Panics
 /// A recording that is here and cannot be read: a test must not pass over it.
 pub fn recorded() -> Option<Vec<Motion>> {
-    let folder = shared("data/ue_adl/ADL004")?;
-    let sides = ["FL", "FR"].iter();
-    let forward = sides.flat_map(|side| (1..=5).map(move |trial| format!("{side}{trial}")));
-    let across = ["AL1", "AL2", "AR1", "AR2"].map(str::to_owned);
-    let file = |name: String| -> PathBuf { folder.join(format!("ADL004_{name}.csv")) };
-    let read = |name| csv::read(file(name)).unwrap_or_else(|error| panic!("{error}"));
-    Some(forward.chain(across).map(read).collect())
+    let forward = ["FL", "FR"].map(|kind| (kind, 5));
+    let across = ["AL", "AR"].map(|kind| (kind, 2));
+    recorded_of("ADL004", &[forward, across].concat())
+}
+
+/// 20 reaches of another person, as many forward as across.
+///
+/// # Panics
+/// As [`recorded`].
+pub fn recorded_of_another() -> Option<Vec<Motion>> {
+    recorded_of("ADL015", &["FL", "FR", "AL", "AR"].map(|kind| (kind, 5)))
+}
+
+/// Of each kind so many trials of a person.
+fn recorded_of(person: &str, kinds: &[(&str, u32)]) -> Option<Vec<Motion>> {
+    let folder = shared("data/ue_adl")?.join(person);
+    let names = kinds
+        .iter()
+        .flat_map(|&(kind, trials)| (1..=trials).map(move |trial| format!("{kind}{trial}")));
+    let read = |name| {
+        let file = folder.join(format!("{person}_{name}.csv"));
+        csv::read(file).unwrap_or_else(|error| panic!("{error}"))
+    };
+    Some(names.map(read).collect())
 }
 
 /// One parameter vector a motion, for human arms, 60 Hz, limits off: the paper's experiments.

@@ -109,7 +109,7 @@ pub struct Progress {
 /// How a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// The population's mean has settled.
+    /// Rounds gain nothing more.
     Settled,
     /// All generations ran.
     Budget,
@@ -631,7 +631,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
         let mut first = Search::new(&problem);
-        run(&mut first, &problem, 33);
+        run(&mut first, &problem, 2 * GENERATIONS_A_ROUND);
+        // As a stop leaves it within a round.
+        first
+            .advance(&problem, &mut Backend::Cpu, 37, &AtomicBool::new(false))
+            .unwrap();
         checkpoint.write(&first).unwrap();
         let Kept::Search(mut second) = checkpoint.read() else {
             panic!("nothing kept");
@@ -753,7 +757,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_ends_a_search_and_so_does_a_population_that_has_settled() {
+    fn a_budget_ends_a_search_and_so_do_rounds_that_gain_nothing() {
         let problem = problem();
         let mut search = Search::new(&problem);
         assert_eq!(run(&mut search, &problem, 40), Ended::Budget);

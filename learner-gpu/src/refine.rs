@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use sinew::real::Real;
 
 use crate::kernel::proposal::{GENE, MOST_GENES, parameter};
-use crate::kernel::score::Ready;
+use crate::kernel::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes, dispatch};
 use crate::problem::{Problem, Settings, with_dofs};
 use crate::task::TaskError;
@@ -285,12 +285,10 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         for some in points.chunks(Lanes::<S>::COUNT) {
             // Lanes without a point of their own take the last.
             let candidates = self.candidates(|lane| &some[lane.min(some.len() - 1)]);
-            let mut sum = Lanes::zero();
-            for motion in &self.motions {
-                sum = sum + motion.score(self.settings, &candidates[..self.bounds.len()]);
-            }
+            let candidates = &candidates[..self.bounds.len()];
             let mut scores = [0.0; 16];
-            (sum / Lanes::count(self.motions.len() as u32)).store(&mut scores[..Lanes::<S>::COUNT]);
+            mean(&self.motions, self.settings, candidates)
+                .store(&mut scores[..Lanes::<S>::COUNT]);
             out.extend(&scores[..some.len()]);
         }
         out

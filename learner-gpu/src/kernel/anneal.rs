@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
 use super::proposal::{Draws, GENE, ISLAND, MOST_GENES, accepts, first, parameter, propose};
-use super::score::Ready;
+use super::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes};
 use crate::problem::Settings;
 use crate::refine::Floor;
@@ -137,7 +137,7 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
                 *parameter = Lanes::load(&values[..lanes]);
             }
             let mut scores = [0.0; 16];
-            self.score(&parameters[..count]).store(&mut scores[..lanes]);
+            mean(self.motions, self.settings, &parameters[..count]).store(&mut scores[..lanes]);
 
             for lane in 0..lanes {
                 let me = start + lane;
@@ -153,16 +153,6 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
                 }
             }
         }
-    }
-
-    /// The mean over the set's motions.
-    #[inline(always)]
-    fn score(&self, parameters: &[Lanes<S>]) -> Lanes<S> {
-        let mut sum = Lanes::zero();
-        for motion in self.motions {
-            sum = sum + motion.score(self.settings, parameters);
-        }
-        sum / Lanes::count(self.motions.len() as u32)
     }
 }
 

@@ -11,8 +11,31 @@ use sinew::real::Real;
 use sinew::synergy::Synergy;
 use sinew::target::Position;
 
+use crate::lanes::{Instructions, Lanes};
 use crate::problem::Settings;
 use crate::task::{Task, TaskError};
+
+/// The mean score over a set's motions of as many members as there are lanes.
+///
+/// For each number of DoFs and level of instructions this is compiled once, for all who call it: what is inside is large,
+/// and most of what there is to compile.
+#[inline(never)]
+pub fn mean<S: Instructions, const N: usize>(
+    motions: &[Ready<Lanes<S>, N>],
+    settings: &Settings,
+    parameters: &[Lanes<S>],
+) -> Lanes<S> {
+    S::proof().vectorize(
+        #[inline(always)]
+        || {
+            let mut sum = Lanes::zero();
+            for motion in motions {
+                sum = sum + motion.score(settings, parameters);
+            }
+            sum / Lanes::count(motions.len() as u32)
+        },
+    )
+}
 
 /// One motion made ready for N DoFs and a scalar.
 #[derive(Clone, Debug)]
