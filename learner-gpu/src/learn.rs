@@ -18,7 +18,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Gpu, GpuError};
-use crate::kernel::anneal::Island;
+use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
 use crate::problem::Problem;
 use crate::refine::{Start, refine, scores};
@@ -365,6 +365,8 @@ impl Search {
             .islands
             .iter()
             .flat_map(|island| &island.scores)
+            // Those of islands that have just begun have no score yet.
+            .filter(|&&score| score < UNSCORED)
             .map(|&score| f64::from(score));
         Progress {
             generation: self.generation,
@@ -588,7 +590,6 @@ impl Checkpoint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::anneal::UNSCORED;
     use crate::problem::{ModelKind, Settings, StepperKind};
     use crate::task::{Arm, Task, facing};
 
