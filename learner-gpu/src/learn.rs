@@ -40,7 +40,7 @@ const DONORS: usize = 8;
 const SETTLED: f64 = 0.005;
 
 /// Fewer rounds than this are never called settled.
-const LEAST_ROUNDS: usize = 8;
+const LEAST_ROUNDS: usize = 16;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
