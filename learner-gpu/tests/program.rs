@@ -145,6 +145,86 @@ fn a_motion_to_a_new_target_is_a_recording_too() {
 
 #[cfg(unix)]
 #[test]
+fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = learn(folder.path(), &["--map", "--stepper", "pseudo-inverse"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let printed = text(&output.stdout);
+    for words in [
+        "nearest learned target",
+        "constant map",
+        "affine map",
+        "quadratic map",
+    ] {
+        assert!(printed.contains(words), "{words:?} is not in: {printed}");
+    }
+    let path = folder.path().join("synergies.json");
+    let written = json(&path);
+    let map = &written["map"];
+    let trials = map["trials"].as_array().unwrap();
+    let fitted = |k: usize| trials[k]["fitted_cm"].as_f64().unwrap();
+    // A richer map fits at least as well; a vector of its own fits each reach best.
+    assert!(fitted(3) <= fitted(2) && fitted(2) <= fitted(1) && fitted(0) <= fitted(3));
+    // Its own kind is the best of those left out.
+    let left_out = |k: usize| trials[k]["left_out_cm"].as_f64().unwrap();
+    let degrees = ["constant", "affine", "quadratic"];
+    let best = (0..3).min_by(|&a, &b| left_out(a + 1).total_cmp(&left_out(b + 1)));
+    assert_eq!(map["degree"], degrees[best.unwrap()]);
+
+    let csv = folder.path().join("reach.csv");
+    let synthesize = |target: &str| {
+        sinew(&[
+            "synthesize",
+            path.to_str().unwrap(),
+            "--csv",
+            csv.to_str().unwrap(),
+            "--target",
+            target,
+        ])
+    };
+    let known: Vec<String> = map["targets"][0]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(Value::to_string)
+        .collect();
+    let near = synthesize(&known.join(","));
+    assert!(
+        text(&near.stdout).contains("confidence 1.00"),
+        "{}",
+        text(&near.stdout)
+    );
+    let far = synthesize("0,0,3");
+    assert!(
+        text(&far.stdout).contains("not to be trusted"),
+        "{}",
+        text(&far.stdout)
+    );
+    // A motion that is named keeps its own parameters.
+    let own = sinew(&[
+        "synthesize",
+        path.to_str().unwrap(),
+        "--csv",
+        csv.to_str().unwrap(),
+        "--target",
+        &known.join(","),
+        "--motion",
+        "reach_03",
+    ]);
+    assert!(
+        text(&own.stdout).contains("the synergy of"),
+        "{}",
+        text(&own.stdout)
+    );
+
+    // A map that is none is refused with the file's name.
+    let mut broken = written.clone();
+    broken["map"]["radius"] = Value::from(-1.0);
+    std::fs::write(&path, broken.to_string()).unwrap();
+    refused(&synthesize("0.1,0.3,0"), &["synergies.json", "map"]);
+}
+
+#[test]
 fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let long = [
