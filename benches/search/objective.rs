@@ -91,7 +91,8 @@ fn answer(problem: &Problem) -> Result<(), Failure> {
     let bounds = problem.settings.bounds(problem.dofs());
     let mut head = [0; 8];
     while input.read_exact(&mut head).is_ok() {
-        let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+        let word =
+            |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
         let mut bytes = vec![0; word(0) as usize * bounds.len() * 8];
         input.read_exact(&mut bytes)?;
         let shares = bytes.chunks_exact(8).map(|eight| {
@@ -102,7 +103,10 @@ fn answer(problem: &Problem) -> Result<(), Failure> {
         let candidates = genes.chunks_exact(bounds.len());
         let scores: Vec<f64> = if word(4) == 0 {
             let asked: Vec<(usize, &[u32])> = candidates.map(|genes| (0, genes)).collect();
-            scores(problem, &asked)?.into_iter().map(f64::from).collect()
+            scores(problem, &asked)?
+                .into_iter()
+                .map(f64::from)
+                .collect()
         } else {
             let exactly = |genes: &[u32]| {
                 let genes = genes.iter().zip(&bounds);
@@ -113,7 +117,10 @@ fn answer(problem: &Problem) -> Result<(), Failure> {
             };
             candidates.map(exactly).collect::<Result<_, _>>()?
         };
-        let answer: Vec<u8> = scores.iter().flat_map(|score| score.to_le_bytes()).collect();
+        let answer: Vec<u8> = scores
+            .iter()
+            .flat_map(|score| score.to_le_bytes())
+            .collect();
         output.write_all(&answer)?;
         output.flush()?;
     }

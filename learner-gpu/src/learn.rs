@@ -165,10 +165,11 @@ impl Search {
                 continue;
             }
             // A stop can come at any time: a round that has not ended is taken up where it was.
-            if self.generation == end && self.end_round(problem, stop)? {
-                if let Err(error) = put_on(backend, problem, &self.islands) {
-                    report(Err(self.fall_back(backend, error)?));
-                }
+            if self.generation == end
+                && self.end_round(problem, stop)?
+                && let Err(error) = put_on(backend, problem, &self.islands)
+            {
+                report(Err(self.fall_back(backend, error)?));
             }
             let elapsed = began.elapsed().as_secs_f64();
             self.seconds = before + elapsed;

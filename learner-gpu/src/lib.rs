@@ -9,7 +9,7 @@
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
-//! - [`bench`]: how fast each of the places is
+//! - [`mod@bench`]: how fast each of the places is
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one

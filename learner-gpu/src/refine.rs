@@ -249,8 +249,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
             let candidates = self.candidates(|lane| &some[lane.min(some.len() - 1)]);
             let candidates = &candidates[..self.bounds.len()];
             let mut scores = [0.0; 16];
-            mean(&self.motions, self.settings, candidates)
-                .store(&mut scores[..Lanes::<S>::COUNT]);
+            mean(&self.motions, self.settings, candidates).store(&mut scores[..Lanes::<S>::COUNT]);
             out.extend(&scores[..some.len()]);
         }
         out
