@@ -9,7 +9,7 @@
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
-//! - [`bench`]: how fast each of the places is
+//! - [`mod@bench`]: how fast each of the places is
 //! - [`refine`]: from a member to the floor of its valley
 //! - [`map`]: from a new target to parameters
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
