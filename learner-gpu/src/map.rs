@@ -19,7 +19,7 @@ use crate::kernel::score::Ready;
 use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
 use crate::problem::{ModelKind, Problem, with_dofs};
-use crate::refine::{scores_at, slopes_at};
+use crate::refine::{Slope, scores_at, slopes_at};
 use crate::task::{Task, TaskError};
 
 /// Of a score beyond this, metres, only a fifth of the rest counts while fitting.
@@ -446,15 +446,15 @@ impl Fit<'_> {
             if self.stop.load(Ordering::Relaxed) || idle > 3 {
                 break;
             }
-            let (curvature, gradient, scale) = self.slope(&weights, reaches)?;
+            let slope = self.slope(&weights, reaches)?;
             let before = least;
             for _ in 0..8 {
-                let mut matrix = curvature.clone();
+                let mut matrix = slope.curvature.clone();
                 for a in 0..rows * columns {
-                    matrix[(a, a)] += damping * scale[a].max(1e-7);
+                    matrix[(a, a)] += damping * slope.scale[a].max(1e-7);
                 }
                 if let Some(factors) = matrix.cholesky() {
-                    let step = factors.solve(&-&gradient);
+                    let step = factors.solve(&-&slope.gradient);
                     let next = DMatrix::from_fn(rows, columns, |k, j| {
                         weights[(k, j)] + step[k * columns + j]
                     });
@@ -476,12 +476,8 @@ impl Fit<'_> {
         Ok(weights)
     }
 
-    /// Curvature, gradient and scale of the cost; row k's coefficient j is number k·columns + j.
-    fn slope(
-        &self,
-        weights: &DMatrix<f64>,
-        reaches: &[usize],
-    ) -> Result<(DMatrix<f64>, DVector<f64>, DVector<f64>), TaskError> {
+    /// The slope of the cost; row k's coefficient j is number k·columns + j.
+    fn slope(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<Slope, TaskError> {
         let (rows, columns) = weights.shape();
         let size = rows * columns;
         let points = self.points(weights, reaches);
@@ -523,6 +519,10 @@ impl Fit<'_> {
                 curvature[(a, a)] += 2.0 * RIDGE;
             }
         }
-        Ok((curvature, gradient, scale))
+        Ok(Slope {
+            gradient,
+            curvature,
+            scale,
+        })
     }
 }
