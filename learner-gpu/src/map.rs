@@ -6,7 +6,7 @@
 //! fitted by the same Levenberg and Marquardt's method as a reach, from one vector for all reaches up: first that vector
 //! alone, then an affine map from it, then a quadratic one.
 //!
-//! Reaches that a step throws off course say little about where to go: a score beyond [`FAR`] counts a fifth, and a
+//! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
 
 use std::sync::atomic::{AtomicBool, Ordering};
