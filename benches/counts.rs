@@ -1,8 +1,10 @@
 //! How many instructions the main kernels execute, beside what was recorded in `counts.json`: nothing gets slower
 //! unnoticed. Start it as `benches/counts`, which has Valgrind installed.
 //!
-//!     benches/counts             # fails if a kernel executes 2 % more than recorded
-//!     benches/counts --record    # records what is counted now
+//! ```text
+//! benches/counts             # fails if a kernel executes 2 % more than recorded
+//! benches/counts --record    # records what is counted now
+//! ```
 //!
 //! Callgrind counts this program twice for every kernel, running it few times and more; the difference is the
 //! kernel's own, without start-up. (No framework: gungraun would have a runner of its own version installed, to do

@@ -1,8 +1,10 @@
 //! Every piece of the core alone, by Criterion: forward kinematics, Jacobian, steppers, ticks and the metric, in `f32`
 //! and `f64`, and the same kinematics by the crate `k`.
 //!
-//!     cargo bench -p sinew-benches
-//!     cargo bench -p sinew-benches -- tick
+//! ```text
+//! cargo bench -p sinew-benches
+//! cargo bench -p sinew-benches -- tick
+//! ```
 
 use std::any::type_name;
 use std::hint::black_box;

@@ -1,7 +1,9 @@
 //! The learner's side of the comparison with JAX: the workload, its scores, and how fast the SIMD lanes are.
 //!
-//!     population FILE     # writes the tasks, the candidates' parameters and their scores, as JSON
-//!     population          # prints million candidate·motion·frames a second, over generations of the search
+//! ```text
+//! population FILE     # writes the tasks, the candidates' parameters and their scores, as JSON
+//! population          # prints million candidate·motion·frames a second, over generations of the search
+//! ```
 //!
 //! 512 candidates, 32 motions (the reaches that `sinew` ships, in turn) of 100 frames: each reach holds its end.
 

@@ -1,7 +1,9 @@
 //! The learner's side of the comparison with other optimisers: its own results, and the score they are to lower.
 //!
-//!     search ours STEPPER MODEL [SEED [GENERATIONS]]   # JSON: each motion's name, distance and share of evaluations
-//!     search objective STEPPER MODEL MOTION            # scores candidates for who asks through its input
+//! ```text
+//! search ours STEPPER MODEL [SEED [GENERATIONS]]   # JSON: each motion's name, distance and share of evaluations
+//! search objective STEPPER MODEL MOTION            # scores candidates for who asks through its input
+//! ```
 //!
 //! A question is two `u32` (how many candidates; 0 for the lanes' score, 1 for the `f64` one) and the candidates'
 //! parameters as shares of their bounds, `f64`. The answer is a score in metres for each, `f64`. All are little-endian.
