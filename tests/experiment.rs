@@ -215,7 +215,7 @@ fn other_seeds_end_alike() {
                 seed,
                 ..problem(&reaches, stepper, ModelKind::C, ISLANDS).unwrap()
             };
-            mean(&distances(&problem, &mut Backend::Cpu, 64))
+            mean(&distances(&problem, &mut Backend::Cpu, 256))
         });
         let least = means.into_iter().fold(f64::INFINITY, f64::min);
         let most = means.into_iter().fold(0.0, f64::max);
