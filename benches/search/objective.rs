@@ -20,7 +20,7 @@ use serde_json::json;
 use sinew_learn::kernel::proposal::{GENE, parameter};
 use sinew_learn::learn::{Backend, Search};
 use sinew_learn::problem::Problem;
-use sinew_learn::refine::scores;
+use sinew_learn::refine::Landscape;
 use sinew_learn::sample;
 use sinew_learn::synergies::score;
 use sinew_tests::reaches::{problem, recorded};
@@ -91,6 +91,7 @@ fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
 fn answer(problem: &Problem) -> Result<(), Failure> {
     let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
     let bounds = problem.settings.bounds(problem.dofs());
+    let landscape = Landscape::new(problem)?;
     let mut head = [0; 8];
     while input.read_exact(&mut head).is_ok() {
         let word =
@@ -105,7 +106,8 @@ fn answer(problem: &Problem) -> Result<(), Failure> {
         let candidates = genes.chunks_exact(bounds.len());
         let scores: Vec<f64> = if word(4) == 0 {
             let asked: Vec<(usize, &[u32])> = candidates.map(|genes| (0, genes)).collect();
-            scores(problem, &asked)?
+            landscape
+                .scores(&asked)
                 .into_iter()
                 .map(f64::from)
                 .collect()

@@ -176,7 +176,7 @@ impl<T: Real, const N: usize> SynergyMap<T, N> {
         }
         inputs[3] = reach.seconds;
         let mut parameters = Vec::new();
-        let terms = terms(&self.standardised(inputs));
+        let terms = terms(&standardised(&inputs, &self.centre, &self.scale));
         for (k, row) in self.coefficients.iter().enumerate() {
             let mut sum = T::zero();
             for (coefficient, term) in row.iter().zip(&terms) {
@@ -208,16 +208,20 @@ impl<T: Real, const N: usize> SynergyMap<T, N> {
         }
         best
     }
+}
 
-    /// The inputs, less their centre and over their scale; within ±3 of it, so that no time, however odd, is
-    /// extrapolated to.
-    fn standardised(&self, inputs: [T; INPUTS]) -> [T; INPUTS] {
-        let mut out = inputs;
-        for i in 0..INPUTS {
-            out[i] = ((inputs[i] - self.centre[i]) / self.scale[i]).within(T::of(-3.0), T::of(3.0));
-        }
-        out
+/// The inputs, less their centre and over their scale; within ±3 of it, so that no time, however odd, is extrapolated
+/// to.
+pub fn standardised<T: Real>(
+    inputs: &[T; INPUTS],
+    centre: &[T; INPUTS],
+    scale: &[T; INPUTS],
+) -> [T; INPUTS] {
+    let mut out = *inputs;
+    for i in 0..INPUTS {
+        out[i] = ((inputs[i] - centre[i]) / scale[i]).within(T::of(-3.0), T::of(3.0));
     }
+    out
 }
 
 /// 1, x₁…, and the products of any two, in the order of [`SynergyMap::new`].

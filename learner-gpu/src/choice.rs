@@ -1,8 +1,8 @@
 //! Which backend a search is faster on, by measurement.
 //!
 //! A few generations of the problem itself are timed on each, and all of the search's are forecast from them. (The
-//! descents between them run on the CPU either way.) Only speed hangs on what is chosen: what a backend computes does not depend on
-//! having been measured.
+//! descents between them run on the CPU either way.) Only speed hangs on what is chosen: what a backend computes does
+//! not depend on having been measured.
 
 use std::fmt;
 use std::sync::atomic::AtomicBool;
@@ -11,7 +11,7 @@ use std::time::Instant;
 use crate::cpu;
 use crate::gpu::{Gpu, GpuError, Which};
 use crate::kernel::anneal::Island;
-use crate::learn::{Backend, LearnError};
+use crate::learn::{Backend, LearnError, Search};
 use crate::problem::Problem;
 use crate::task::TaskError;
 
@@ -127,8 +127,7 @@ fn forecast<E>(
     let mut part = 1;
     loop {
         let sample = sample(problem, part);
-        let fresh = vec![Island::new(sample.genes()); sample.sets.len() * sample.islands];
-        let took = timed(&sample, &fresh)? / f64::from(TIMED);
+        let took = timed(&sample, &Search::new(&sample).islands)? / f64::from(TIMED);
         let share =
             sample.frames_a_generation() as f64 / problem.frames_a_generation().max(1) as f64;
         if took > ENOUGH || share >= 1.0 {

@@ -21,7 +21,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
 use crate::problem::Problem;
-use crate::refine::{Start, refine, scores};
+use crate::refine::{Landscape, Start};
 use crate::synergies::score;
 use crate::task::TaskError;
 use crate::{cpu, output};
@@ -155,7 +155,7 @@ impl Search {
         {
             report(Err(self.fall_back(backend, error)?));
         }
-        while !self.settled && (self.generation < generations || self.round_is_due(generations)) {
+        while self.goes_on(generations) {
             let end = self.end_of_round(generations);
             if self.generation < end
                 && let Err(error) = self.advance(problem, backend, end, stop)
@@ -175,9 +175,7 @@ impl Search {
             self.seconds = before + elapsed;
             report(Ok(self.progress(problem)));
 
-            let stopped = stop.load(Ordering::Relaxed)
-                && !self.settled
-                && (self.generation < generations || self.round_is_due(generations));
+            let stopped = stop.load(Ordering::Relaxed) && self.goes_on(generations);
             if let Some(checkpoint) = checkpoint
                 && (stopped || elapsed - saved > CHECKPOINT_EVERY)
             {
@@ -202,10 +200,11 @@ impl Search {
             .min(generations)
     }
 
-    /// Whether all generations ran, but the last round has not ended.
-    fn round_is_due(&self, generations: u32) -> bool {
+    /// Whether there are generations to run, or a last round to end.
+    fn goes_on(&self, generations: u32) -> bool {
         let rounds = self.generation.div_ceil(GENERATIONS_A_ROUND) as usize;
-        self.generation == generations && self.bests.len() < rounds
+        let round_is_due = self.generation == generations && self.bests.len() < rounds;
+        !self.settled && (self.generation < generations || round_is_due)
     }
 
     /// Goes on with the CPU where that is allowed, and says so.
@@ -225,10 +224,11 @@ impl Search {
     /// Descends, exchanges, restarts, and notes whether the search has settled. False, and nothing is changed, where
     /// `stop` was set meanwhile.
     fn end_round(&mut self, problem: &Problem, stop: &AtomicBool) -> Result<bool, TaskError> {
+        let landscape = Landscape::new(problem)?;
         let count = AtomicU64::new(0);
         let own = self.starts(problem);
         let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
-        let Some(floors) = refine(problem, &starts, &count, stop)? else {
+        let Some(floors) = landscape.refine(&starts, &count, stop) else {
             return Ok(false);
         };
         let mut islands = self.islands.clone();
@@ -238,8 +238,8 @@ impl Search {
 
         // Others' bests are tried after the descents, with what these have found.
         let offers = offers(&islands, problem.islands, &self.offered);
-        let guests = guests(problem, &islands, &offers)?;
-        let Some(floors) = refine(problem, &guests, &count, stop)? else {
+        let guests = guests(&landscape, self.offered.len(), &offers);
+        let Some(floors) = landscape.refine(&guests, &count, stop) else {
             return Ok(false);
         };
         for (number, (guest, floor)) in guests.iter().zip(&floors).enumerate() {
@@ -354,14 +354,7 @@ impl Search {
     }
 
     fn progress(&self, problem: &Problem) -> Progress {
-        let best = |set: &[Island]| {
-            f64::from(
-                set.iter()
-                    .map(|island| island.best_score)
-                    .fold(f32::INFINITY, f32::min),
-            )
-        };
-        let sets = self.islands.chunks(problem.islands.max(1));
+        let bests = bests(&self.islands, problem.islands).into_iter();
         let members = self
             .islands
             .iter()
@@ -371,7 +364,8 @@ impl Search {
             .map(|&score| f64::from(score));
         Progress {
             generation: self.generation,
-            best: sets.map(best).sum::<f64>() / problem.sets.len().max(1) as f64,
+            best: bests.map(|(_, score)| f64::from(score)).sum::<f64>()
+                / problem.sets.len().max(1) as f64,
             mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
         }
     }
@@ -464,32 +458,27 @@ fn offers<'a>(islands: &'a [Island], a_set: usize, offered: &[f32]) -> Vec<(usiz
 }
 
 /// What each set tries of the others' offers: those that score best on it as they are.
-fn guests(
-    problem: &Problem,
-    islands: &[Island],
-    offers: &[(usize, &[u32])],
-) -> Result<Vec<Start>, TaskError> {
-    let sets = islands.len() / problem.islands.max(1);
+fn guests(landscape: &Landscape<'_>, sets: usize, offers: &[(usize, &[u32])]) -> Vec<Start> {
     let asked: Vec<(usize, &[u32])> = (0..sets)
         .flat_map(|set| {
             let others = offers.iter().filter(move |(from, _)| *from != set);
             others.map(move |&(_, genes)| (set, genes))
         })
         .collect();
-    let scores = scores(problem, &asked)?;
+    let scores = landscape.scores(&asked);
     let mut scored: Vec<_> = asked.into_iter().zip(scores).collect();
     // Stable: sets stay in order.
     scored.sort_by(|a, b| a.0.0.cmp(&b.0.0).then(a.1.total_cmp(&b.1)));
     let chosen = scored
         .chunk_by(|a, b| a.0.0 == b.0.0)
         .flat_map(|set| set.iter().take(DONORS));
-    Ok(chosen
+    chosen
         .map(|&((set, genes), _)| Start {
             set,
             genes: genes.to_vec(),
             nested: false,
         })
-        .collect())
+        .collect()
 }
 
 /// Gives a device the islands that there are now.

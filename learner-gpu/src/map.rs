@@ -13,13 +13,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, terms};
+use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
 
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
 use crate::problem::{ModelKind, Problem, with_dofs};
-use crate::refine::{Slope, scores_at, slopes_at};
+use crate::refine::{Landscape, Slope};
 use crate::task::{Task, TaskError};
 
 /// Of a score beyond this, metres, only a fifth of the rest counts while fitting.
@@ -158,14 +158,11 @@ pub fn learn(
         .map(|task| inputs(problem, task))
         .collect();
     let (centre, scale) = spread(&inputs);
-    let standardised = |x: &[f64; INPUTS]| {
-        std::array::from_fn::<f64, INPUTS, _>(|i| ((x[i] - centre[i]) / scale[i]).clamp(-3.0, 3.0))
-    };
     let fit = Fit {
-        problem,
+        landscape: Landscape::new(problem)?,
         terms: inputs
             .iter()
-            .map(|x| terms(&standardised(x)).to_vec())
+            .map(|x| terms(&standardised(x, &centre, &scale)).to_vec())
             .collect(),
         stop,
     };
@@ -183,36 +180,39 @@ pub fn learn(
     let Some(one) = search.winners(&jointly)?.into_iter().next() else {
         return Ok(None);
     };
-    let one = shares(problem, &one.parameters);
+    let one = DMatrix::from_vec(problem.genes(), 1, shares(problem, &one.parameters));
 
     let all: Vec<usize> = (0..problem.tasks.len()).collect();
     let folds = folds(problem);
-    let mut trials = vec![nearest(problem, own)?];
+    let mut trials = vec![nearest(problem, &fit.landscape, own)?];
+    // Each degree's fits go on from those of the degree before.
+    let (mut whole, mut parts) = (one.clone(), vec![one; folds.len()]);
     let mut best: Option<(f64, Degree, DMatrix<f64>)> = None;
     for degree in Degree::ALL {
         tell(&format!(
             "{degree:?} map, with {} groups left out",
             folds.len()
         ));
-        let whole = fit.from(&one, degree, &all)?;
+        whole = fit.descend(whole.resize_horizontally(degree.terms(), 0.0), &all);
         let mut scored = Vec::new();
-        for (left_out, kept) in &folds {
-            let part = fit.from(&one, degree, kept)?;
-            scored.extend(left_out.iter().map(|&reach| (reach, fit.at(&part, reach))));
+        for ((left_out, kept), part) in folds.iter().zip(&mut parts) {
+            let wider = std::mem::take(part).resize_horizontally(degree.terms(), 0.0);
+            *part = fit.descend(wider, kept);
+            scored.extend(fit.points(part, left_out));
         }
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
         let trial = Trial {
             name: format!("{degree:?} map").to_lowercase(),
-            fitted_cm: 100.0 * fit.mean(&whole, &all)?,
-            ..trial(problem, &scored)?
+            fitted_cm: 100.0 * fit.mean(&whole, &all),
+            ..trial(problem, &fit.landscape, &scored)?
         };
         if best
             .as_ref()
             .is_none_or(|(least, ..)| trial.left_out_cm < *least)
         {
-            best = Some((trial.left_out_cm, degree, whole));
+            best = Some((trial.left_out_cm, degree, whole.clone()));
         }
         trials.push(trial);
     }
@@ -304,7 +304,11 @@ fn gap(problem: &Problem, folds: &[(Vec<usize>, Vec<usize>)]) -> f64 {
 }
 
 /// The parameters of the nearest target, of those further away than [`NEAR`].
-fn nearest(problem: &Problem, own: &[Vec<f64>]) -> Result<Trial, TaskError> {
+fn nearest(
+    problem: &Problem,
+    landscape: &Landscape<'_>,
+    own: &[Vec<f64>],
+) -> Result<Trial, TaskError> {
     let count = problem.tasks.len();
     let away = |a: usize, b: usize| distance(problem.tasks[a].target, problem.tasks[b].target);
     let taken = |reach: usize| {
@@ -322,15 +326,19 @@ fn nearest(problem: &Problem, own: &[Vec<f64>]) -> Result<Trial, TaskError> {
         .collect();
     Ok(Trial {
         name: "nearest learned target".to_owned(),
-        fitted_cm: trial(problem, &fitted)?.left_out_cm,
-        ..trial(problem, &scored)?
+        fitted_cm: trial(problem, landscape, &fitted)?.left_out_cm,
+        ..trial(problem, landscape, &scored)?
     })
 }
 
 /// The mean distance of reaches with these parameters, and how many arrive.
-fn trial(problem: &Problem, scored: &[(usize, Vec<f32>)]) -> Result<Trial, TaskError> {
+fn trial(
+    problem: &Problem,
+    landscape: &Landscape<'_>,
+    scored: &[(usize, Vec<f32>)],
+) -> Result<Trial, TaskError> {
     let bounds = problem.settings.bounds(problem.dofs());
-    let scores = scores_at(problem, scored)?;
+    let scores = landscape.scores_at(scored);
     let mut arrived = 0;
     for (reach, point) in scored {
         let task = &problem.tasks[*reach];
@@ -380,27 +388,13 @@ fn spread_out(problem: &Problem) -> Vec<Point> {
 
 /// The reaches that maps are fitted to.
 struct Fit<'a> {
-    problem: &'a Problem,
+    landscape: Landscape<'a>,
     /// Each reach's terms.
     terms: Vec<Vec<f64>>,
     stop: &'a AtomicBool,
 }
 
 impl Fit<'_> {
-    /// A map fitted to some reaches, from one vector up to a degree.
-    fn from(
-        &self,
-        one: &[f64],
-        degree: Degree,
-        reaches: &[usize],
-    ) -> Result<DMatrix<f64>, TaskError> {
-        let mut weights = DMatrix::from_column_slice(one.len(), 1, one);
-        for step in Degree::ALL.into_iter().filter(|&step| step <= degree) {
-            weights = self.descend(weights.resize_horizontally(step.terms(), 0.0), reaches)?;
-        }
-        Ok(weights)
-    }
-
     /// The parameters of a reach, as shares of their bounds.
     fn at(&self, weights: &DMatrix<f64>, reach: usize) -> Vec<f32> {
         let terms = DVector::from_column_slice(&self.terms[reach][..weights.ncols()]);
@@ -417,36 +411,36 @@ impl Fit<'_> {
     }
 
     /// The mean distance, metres.
-    fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<f64, TaskError> {
-        let scores = scores_at(self.problem, &self.points(weights, reaches))?;
+    fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
+        let scores = self.landscape.scores_at(&self.points(weights, reaches));
         let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
-        Ok(sum / reaches.len().max(1) as f64)
+        sum / reaches.len().max(1) as f64
     }
 
     /// What is made small.
-    fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<f64, TaskError> {
-        let scores = scores_at(self.problem, &self.points(weights, reaches))?;
+    fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
+        let scores = self.landscape.scores_at(&self.points(weights, reaches));
         let counted = |&score: &f32| {
             let score = f64::from(score);
             score.min(FAR) + 0.2 * (score - FAR).max(0.0)
         };
         let sum: f64 = scores.iter().map(counted).sum();
         let ridge = weights.columns_range(1..).norm_squared() * RIDGE;
-        Ok(sum / reaches.len().max(1) as f64 + ridge)
+        sum / reaches.len().max(1) as f64 + ridge
     }
 
     /// Levenberg and Marquardt's steps from these weights, until they gain nothing.
-    fn descend(&self, weights: DMatrix<f64>, reaches: &[usize]) -> Result<DMatrix<f64>, TaskError> {
+    fn descend(&self, weights: DMatrix<f64>, reaches: &[usize]) -> DMatrix<f64> {
         let (rows, columns) = weights.shape();
         let mut weights = weights;
-        let mut least = self.cost(&weights, reaches)?;
+        let mut least = self.cost(&weights, reaches);
         let mut damping = 1e-2;
         let mut idle = 0;
         for _ in 0..MOST_STEPS {
             if self.stop.load(Ordering::Relaxed) || idle > 3 {
                 break;
             }
-            let slope = self.slope(&weights, reaches)?;
+            let slope = self.slope(&weights, reaches);
             let before = least;
             for _ in 0..8 {
                 let mut matrix = slope.curvature.clone();
@@ -458,7 +452,7 @@ impl Fit<'_> {
                     let next = DMatrix::from_fn(rows, columns, |k, j| {
                         weights[(k, j)] + step[k * columns + j]
                     });
-                    let cost = self.cost(&next, reaches)?;
+                    let cost = self.cost(&next, reaches);
                     if cost < least {
                         (weights, least) = (next, cost);
                         damping = (damping * 0.3).max(1e-6);
@@ -473,15 +467,15 @@ impl Fit<'_> {
                 idle + 1
             };
         }
-        Ok(weights)
+        weights
     }
 
     /// The slope of the cost; row k's coefficient j is number k·columns + j.
-    fn slope(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Result<Slope, TaskError> {
+    fn slope(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Slope {
         let (rows, columns) = weights.shape();
         let size = rows * columns;
         let points = self.points(weights, reaches);
-        let slopes = slopes_at(self.problem, &points)?;
+        let slopes = self.landscape.slopes_at(&points);
         let mut steep: Vec<f64> = slopes.iter().map(|slope| slope.scale.sum()).collect();
         let each = steep.clone();
         steep.sort_by(f64::total_cmp);
@@ -519,10 +513,10 @@ impl Fit<'_> {
                 curvature[(a, a)] += 2.0 * RIDGE;
             }
         }
-        Ok(Slope {
+        Slope {
             gradient,
             curvature,
             scale,
-        })
+        }
     }
 }

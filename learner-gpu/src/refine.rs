@@ -42,6 +42,8 @@ const APART: f64 = 10.0;
 const ARRIVED: f32 = 2e-6;
 /// The most vectors of lanes that the parameters, and one more, fill: SSE2's.
 const MOST_VECTORS: usize = MOST_GENES.div_ceil(4) + 1;
+/// The most lanes of a vector: AVX-512's.
+const MOST_LANES: usize = 16;
 
 /// Where a descent is to begin.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,110 +66,93 @@ pub struct Floor {
     pub score: f32,
 }
 
-/// Descends from every start, on all threads. `evaluations` is told how often a motion was synthesised. None where
-/// `stop` was set meanwhile.
-///
-/// # Errors
-/// A task that the core refuses.
-pub fn refine(
-    problem: &Problem,
-    starts: &[Start],
-    evaluations: &AtomicU64,
-    stop: &AtomicBool,
-) -> Result<Option<Vec<Floor>>, TaskError> {
-    let dofs = problem.dofs();
-    with_dofs!(dofs, N => {
-        dispatch!(Level::new(), S => refine_lanes::<S, N>(problem, starts, evaluations, stop))
-    }, else Err(TaskError::Dofs { found: dofs }))
+/// The scores of a problem as landscapes over the parameters, one a set, made ready once for all who look at them.
+pub struct Landscape<'a>(Box<dyn Sets + Sync + 'a>);
+
+impl<'a> Landscape<'a> {
+    /// Of a problem.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    pub fn new(problem: &'a Problem) -> Result<Self, TaskError> {
+        let dofs = problem.dofs();
+        with_dofs!(dofs, N => {
+            dispatch!(Level::new(), S => Ok(Landscape(Box::new(valleys::<S, N>(problem)?))))
+        }, else Err(TaskError::Dofs { found: dofs }))
+    }
+
+    /// Descends from every start, on all threads. `evaluations` is told how often a motion was synthesised. None where
+    /// `stop` was set meanwhile.
+    pub fn refine(
+        &self,
+        starts: &[Start],
+        evaluations: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> Option<Vec<Floor>> {
+        let descend = |start: &Start| match stop.load(Ordering::Relaxed) {
+            true => None,
+            false => self.0.descend(start, evaluations),
+        };
+        starts.par_iter().map(descend).collect()
+    }
+
+    /// The scores of genes, each on a set of motions.
+    pub fn scores(&self, asked: &[(usize, &[u32])]) -> Vec<f32> {
+        let points: Vec<(usize, Vec<f32>)> = asked
+            .iter()
+            .map(|&(set, genes)| (set, shares(genes)))
+            .collect();
+        self.scores_at(&points)
+    }
+
+    /// The scores at points of the bounds, each on a set of motions: shares in [0, 1].
+    pub fn scores_at(&self, asked: &[(usize, Vec<f32>)]) -> Vec<f32> {
+        // Runs of the same set share vectors.
+        let runs: Vec<&[(usize, Vec<f32>)]> = asked
+            .chunk_by(|a, b| a.0 == b.0)
+            .flat_map(|run| run.chunks(MOST_LANES))
+            .collect();
+        let scores: Vec<Vec<f32>> = runs.into_par_iter().map(|run| self.0.scores(run)).collect();
+        scores.concat()
+    }
+
+    /// The landscape near points of the bounds, each on a set of motions.
+    pub fn slopes_at(&self, asked: &[(usize, Vec<f32>)]) -> Vec<Slope> {
+        let slope = |(set, point): &(usize, Vec<f32>)| self.0.slope(*set, point);
+        asked.par_iter().filter_map(slope).collect()
+    }
 }
 
-fn refine_lanes<S: Instructions, const N: usize>(
-    problem: &Problem,
-    starts: &[Start],
-    evaluations: &AtomicU64,
-    stop: &AtomicBool,
-) -> Result<Option<Vec<Floor>>, TaskError> {
-    let valleys = valleys::<S, N>(problem)?;
-    let floors = starts.par_iter().map(|start| {
-        let valley = valleys.get(start.set)?;
-        if stop.load(Ordering::Relaxed) {
-            return None;
-        }
+/// The sets of a problem, whatever the arm's size and the machine's lanes.
+trait Sets {
+    /// The floor below a start, where there is its set.
+    fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor>;
+    /// The scores at points of one set.
+    fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32>;
+    /// The slope at a point of a set, where there is the set.
+    fn slope(&self, set: usize, point: &[f32]) -> Option<Slope>;
+}
+
+impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
+    fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor> {
+        let valley = self.get(start.set)?;
         let (floor, count) = valley.descend(start);
         evaluations.fetch_add(count * valley.motions.len() as u64, Ordering::Relaxed);
         Some(floor)
-    });
-    Ok(floors.collect())
-}
+    }
 
-/// The scores of parameter vectors on a set of motions each: pairs of set and genes.
-///
-/// # Errors
-/// A task that the core refuses.
-pub fn scores(problem: &Problem, asked: &[(usize, &[u32])]) -> Result<Vec<f32>, TaskError> {
-    let points: Vec<(usize, Vec<f32>)> = asked
-        .iter()
-        .map(|&(set, genes)| (set, shares(genes)))
-        .collect();
-    scores_at(problem, &points)
-}
+    fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32> {
+        let Some(valley) = run.first().and_then(|&(set, _)| self.get(set)) else {
+            return vec![f32::INFINITY; run.len()];
+        };
+        let points: Vec<Vec<f32>> = run.iter().map(|(_, point)| point.clone()).collect();
+        valley.scores(&points)
+    }
 
-/// The scores at points of the bounds, each on a set of motions: shares in [0, 1].
-///
-/// # Errors
-/// A task that the core refuses.
-pub fn scores_at(problem: &Problem, asked: &[(usize, Vec<f32>)]) -> Result<Vec<f32>, TaskError> {
-    let dofs = problem.dofs();
-    with_dofs!(dofs, N => {
-        dispatch!(Level::new(), S => scores_lanes::<S, N>(problem, asked))
-    }, else Err(TaskError::Dofs { found: dofs }))
-}
-
-fn scores_lanes<S: Instructions, const N: usize>(
-    problem: &Problem,
-    asked: &[(usize, Vec<f32>)],
-) -> Result<Vec<f32>, TaskError> {
-    let valleys = valleys::<S, N>(problem)?;
-    // Runs of the same set share vectors.
-    let runs: Vec<&[(usize, Vec<f32>)]> = asked
-        .chunk_by(|a, b| a.0 == b.0)
-        .flat_map(|run| run.chunks(Lanes::<S>::COUNT))
-        .collect();
-    let scores: Vec<Vec<f32>> = runs
-        .into_par_iter()
-        .map(|run| {
-            let Some(valley) = run.first().and_then(|&(set, _)| valleys.get(set)) else {
-                return vec![f32::INFINITY; run.len()];
-            };
-            let points: Vec<Vec<f32>> = run.iter().map(|(_, point)| point.clone()).collect();
-            valley.scores(&points)
-        })
-        .collect();
-    Ok(scores.concat())
-}
-
-/// The landscape near points of the bounds, each on a set of motions.
-///
-/// # Errors
-/// A task that the core refuses.
-pub fn slopes_at(problem: &Problem, asked: &[(usize, Vec<f32>)]) -> Result<Vec<Slope>, TaskError> {
-    let dofs = problem.dofs();
-    with_dofs!(dofs, N => {
-        dispatch!(Level::new(), S => slopes_lanes::<S, N>(problem, asked))
-    }, else Err(TaskError::Dofs { found: dofs }))
-}
-
-fn slopes_lanes<S: Instructions, const N: usize>(
-    problem: &Problem,
-    asked: &[(usize, Vec<f32>)],
-) -> Result<Vec<Slope>, TaskError> {
-    let valleys = valleys::<S, N>(problem)?;
-    let each: Vec<usize> = (0..problem.genes()).collect();
-    let slope = |(set, point): &(usize, Vec<f32>)| {
-        let valley = valleys.get(*set)?;
-        Some(valley.slope(point, &each, each.len()))
-    };
-    Ok(asked.par_iter().filter_map(slope).collect())
+    fn slope(&self, set: usize, point: &[f32]) -> Option<Slope> {
+        let each: Vec<usize> = (0..point.len()).collect();
+        Some(self.get(set)?.slope(point, &each, each.len()))
+    }
 }
 
 /// Each set of the problem, ready to be descended on.
@@ -220,10 +205,10 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         if start.nested
             && let Some(inner) = &inner
         {
-            at = self.arrive(&means(&at, inner), inner, &mut count).0;
+            at = self.arrive(&means(&at, inner), inner, &mut count);
         }
         let each: Vec<usize> = (0..at.len()).collect();
-        let (at, _) = self.arrive(&at, &each, &mut count);
+        let at = self.arrive(&at, &each, &mut count);
         // Genes are a little coarser than what was stepped in.
         let genes: Vec<u32> = at
             .iter()
@@ -234,7 +219,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     /// The floor from `at` in the space where parameters with the same number in `groups` are one.
-    fn arrive(&self, at: &[f32], groups: &[usize], count: &mut u64) -> (Vec<f32>, f32) {
+    fn arrive(&self, at: &[f32], groups: &[usize], count: &mut u64) -> Vec<f32> {
         let free = groups.iter().max().map_or(0, |most| most + 1);
         let mut at = at.to_vec();
         let mut least = self.scores(std::slice::from_ref(&at))[0];
@@ -267,7 +252,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
                 break;
             }
         }
-        (at, least)
+        at
     }
 
     /// The scores of some points.

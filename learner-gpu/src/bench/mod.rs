@@ -21,6 +21,7 @@ use crate::gpu::{self, Adapter, Gpu, GpuError, Which};
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
 use crate::kernel::score::Ready;
+use crate::learn::Search;
 use crate::problem::{ModelKind, Problem, Settings, StepperKind};
 use crate::task::{Task, TaskError};
 use count::Counted;
@@ -243,7 +244,7 @@ impl Bench {
     /// The device fails.
     pub fn start_up(&self, case: &Case, adapter: &Adapter) -> Result<StartUp, BenchError> {
         let problem = self.problem(case, u64::MAX);
-        let islands = fresh(&problem);
+        let islands = Search::new(&problem).islands;
         let began = Instant::now();
         let gpu = Gpu::new(&problem, &islands, named(adapter))?;
         let all = began.elapsed().as_secs_f64();
@@ -291,10 +292,6 @@ impl Bench {
     }
 }
 
-fn fresh(problem: &Problem) -> Vec<Island> {
-    vec![Island::new(problem.genes()); problem.sets.len() * problem.islands]
-}
-
 /// A path that is ready to run a case.
 enum Runner {
     Double(Scalar<f64>),
@@ -319,11 +316,15 @@ impl Runner {
             Path::Lanes { level, threads } => Runner::Lanes {
                 level: *level,
                 pool: pool(*threads)?,
-                islands: fresh(problem),
+                islands: Search::new(problem).islands,
                 generations: Generations { at: 0, a_round: 1 },
             },
             Path::Device(adapter) => Runner::Device {
-                gpu: Box::new(Gpu::new(problem, &fresh(problem), named(adapter))?),
+                gpu: Box::new(Gpu::new(
+                    problem,
+                    &Search::new(problem).islands,
+                    named(adapter),
+                )?),
                 generations: Generations { at: 0, a_round: 1 },
             },
         };

@@ -149,7 +149,7 @@ fn general() -> Vec<Task> {
 }
 
 fn fresh(problem: &Problem) -> Vec<Island> {
-    vec![Island::new(problem.genes()); problem.sets.len() * problem.islands]
+    Search::new(problem).islands
 }
 
 fn ran(problem: &Problem, cuts: &[u32]) -> Vec<Island> {

@@ -36,9 +36,7 @@ impl Island {
             best_score: UNSCORED,
         }
     }
-}
 
-impl Island {
     /// A member's genes.
     pub fn member(&self, member: usize) -> Vec<u32> {
         self.genes.iter().map(|row| row[member]).collect()
