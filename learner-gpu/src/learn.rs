@@ -2,8 +2,8 @@
 //!
 //! A round is
 //! 1. **anneal**: every island runs [`GENERATIONS_A_ROUND`] generations on the backend ([`crate::kernel::anneal`]);
-//! 2. **descend**: from the best members, and from some others, to the floors of their valleys ([`crate::refine`]); a floor
-//!    takes the place of the member it was found from;
+//! 2. **descend**: from the best members and from [`Way`]s to leave them, to the floors of their valleys
+//!    ([`crate::refine`]); a floor takes the place of the member it was found from;
 //! 3. **exchange**: what is best for other sets of motions is tried on this one, descends too, and takes the place of an
 //!    island's worst member (migration between islands: Cohoon et al. 1987). Motions of one person have valleys in common,
 //!    and one that is rarely found needs to be found only once;
@@ -18,9 +18,10 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Gpu, GpuError};
+use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
-use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
-use crate::problem::Problem;
+use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, parameter};
+use crate::problem::{Problem, Settings};
 use crate::refine::{Landscape, Start};
 use crate::synergies::score;
 use crate::task::TaskError;
@@ -37,10 +38,13 @@ const DONORS: usize = 8;
 
 /// The search has settled when the mean of the sets' best scores fell by less than this share since half as many rounds
 /// ago.
-const SETTLED: f64 = 0.005;
+const SETTLED: f64 = 0.0075;
 
 /// Fewer rounds than this are never called settled.
-const LEAST_ROUNDS: usize = 16;
+const LEAST_ROUNDS: usize = 4;
+
+/// Rounds of the search for the model within, at most.
+const MOST_POORER: u32 = 8;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -150,6 +154,7 @@ impl Search {
         let before = self.seconds;
         let began = Instant::now();
         let mut saved = 0.0;
+        let ground = Ground::new(problem)?;
         if self.generation > 0
             && let Err(error) = put_on(backend, problem, &self.islands)
         {
@@ -166,7 +171,7 @@ impl Search {
             }
             // A stop can come at any time: a round that has not ended is taken up where it was.
             if self.generation == end
-                && self.end_round(problem, stop)?
+                && self.end_round(&ground, stop)?
                 && let Err(error) = put_on(backend, problem, &self.islands)
             {
                 report(Err(self.fall_back(backend, error)?));
@@ -223,10 +228,22 @@ impl Search {
 
     /// Descends, exchanges, restarts, and notes whether the search has settled. False, and nothing is changed, where
     /// `stop` was set meanwhile.
-    fn end_round(&mut self, problem: &Problem, stop: &AtomicBool) -> Result<bool, TaskError> {
-        let landscape = Landscape::new(problem)?;
+    fn end_round(
+        &mut self,
+        ground: &Ground<'_>,
+        stop: &AtomicBool,
+    ) -> Result<bool, LearnError> {
+        let Ground {
+            problem, landscape, ..
+        } = ground;
         let count = AtomicU64::new(0);
-        let own = self.starts(problem);
+        let mut own = self.starts(ground);
+        if self.bests.is_empty() {
+            let Some(poorer) = poorer(problem, &count, stop)? else {
+                return Ok(false);
+            };
+            own.extend(poorer);
+        }
         let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
         let Some(floors) = landscape.refine(&starts, &count, stop) else {
             return Ok(false);
@@ -238,7 +255,7 @@ impl Search {
 
         // Others' bests are tried after the descents, with what these have found.
         let offers = offers(&islands, problem.islands, &self.offered);
-        let guests = guests(&landscape, self.offered.len(), &offers);
+        let guests = guests(landscape, self.offered.len(), &offers);
         let Some(floors) = landscape.refine(&guests, &count, stop) else {
             return Ok(false);
         };
@@ -271,37 +288,71 @@ impl Search {
 
     /// Where this round's descents begin, and which member of which island gives way to what they find.
     ///
-    /// First the best of each island (of the best islands, where there are many), then other members in turn. Once there
-    /// is a best to leap from, half of these begin at the set's best moved by half the difference of two members: leaps
-    /// between valleys (iterated local search: Lourenço, Martin and Stützle 2003). In a model that has another within it
-    /// every other descent begins there, so that the richer model ends no worse than the poorer.
-    fn starts(&self, problem: &Problem) -> Vec<(Place, Start)> {
-        let nests = problem.settings.nested(problem.dofs()).is_some();
+    /// First the best of each island (of the best islands, where there are many), then the [`Way`]s in turn.
+    fn starts(&self, ground: &Ground<'_>) -> Vec<(Place, Start)> {
+        let Ground {
+            problem, guesses, ..
+        } = ground;
+        let dofs = problem.dofs();
+        let (part, parts) = problem.settings.parts(dofs);
+        let bests = bests(&self.islands, problem.islands);
+        let ways = match self.bests.is_empty() {
+            true => &[Way::Guess, Way::Member, Way::Guess, Way::Member][..],
+            false => &[Way::GuessAgain, Way::Graft, Way::Redraw, Way::Graft][..],
+        };
         let mut starts = Vec::new();
-        for (set, islands) in self.islands.chunks(problem.islands.max(1)).enumerate() {
+        let sets = self.islands.chunks(problem.islands.max(1));
+        for (((set, islands), guesses), &(best, beat)) in sets.enumerate().zip(guesses).zip(&bests) {
             let mut order: Vec<usize> = (0..islands.len()).collect();
             order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
-            let bests = order
+            let leaders = order
                 .iter()
-                .map(|&island| (island, islands[island].leader()));
+                .map(|&island| (island, islands[island].leader(), Way::Member));
             // Strides without a factor in common with an island's size meet every member in time.
             let turn = self.bests.len() * 7;
             let others = (0..ISLAND).flat_map(|k| {
                 let member = move |island| (island, (turn + 5 * k + island) % ISLAND);
                 order.iter().map(move |&island| member(island))
             });
-            for (number, (island, member)) in bests.chain(others).take(DESCENTS).enumerate() {
-                let leaps = number >= islands.len() && number % 4 < 2 && !self.bests.is_empty();
-                let genes = match order.first().map(|&best| &islands[best].best) {
-                    Some(best) if leaps => islands[island].leap(best, member),
-                    _ => islands[island].member(member),
+            let others = others.zip(ways.iter().cycle());
+            let others = others.map(|((island, member), &way)| (island, member, way));
+            for (number, (island, member, way)) in leaders.chain(others).take(DESCENTS).enumerate()
+            {
+                let draws = draws(problem, set, number, self.generation);
+                let [first, second, kind, other] = draws.block(MOST_BLOCKS);
+                let noise = |k: usize| {
+                    draws.block(MOST_BLOCKS + 1 + k as u32 / 4)[k % 4]
                 };
+                // The parts that are changed: one or two.
+                let first = first as usize % parts;
+                let second = match kind & 1 {
+                    0 => first,
+                    _ => second as usize % parts,
+                };
+                let mut genes = best.to_vec();
+                let changed = (0..genes.len()).filter(|&k| part[k] == first || part[k] == second);
+                match way {
+                    Way::Member => genes = islands[island].member(member),
+                    Way::Guess => genes = guesses.draw(problem.genes(), noise),
+                    Way::GuessAgain => {
+                        guesses.put(&mut genes, first, noise(0));
+                        guesses.put(&mut genes, second, noise(1));
+                    }
+                    Way::Redraw => changed.for_each(|k| genes[k] = noise(k) >> 8),
+                    Way::Graft => {
+                        let donor = other as usize % bests.len();
+                        let from = match donor == set {
+                            true => &islands[island].best[..],
+                            false => bests[donor].0,
+                        };
+                        changed.for_each(|k| genes[k] = from[k]);
+                    }
+                }
                 let place = Place {
                     island: set * problem.islands + island,
                     member,
                 };
-                let nested = nests && number % 2 == 1;
-                starts.push((place, Start { set, genes, nested }));
+                starts.push((place, Start { set, genes, beat }));
             }
         }
         starts
@@ -408,23 +459,107 @@ impl Search {
     }
 }
 
+/// What descents go down on, made ready once.
+struct Ground<'a> {
+    problem: &'a Problem,
+    landscape: Landscape<'a>,
+    /// Of each set.
+    guesses: Vec<Guesses>,
+}
+
+impl<'a> Ground<'a> {
+    fn new(problem: &'a Problem) -> Result<Self, TaskError> {
+        Ok(Ground {
+            problem,
+            landscape: Landscape::new(problem)?,
+            guesses: Guesses::new(problem)?,
+        })
+    }
+}
+
+/// How a descent's start is found. The last three leave the set's best by one or two of its parts (a DoF's genes, or the
+/// sigmoid that all share) and go down again: iterated local search (Lourenço, Martin and Stützle 2003). In a valley other
+/// than the best one it is often one DoF only that does something else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    /// A member as it is.
+    Member,
+    /// A guess from the recording.
+    Guess,
+    /// Parts guessed anew.
+    GuessAgain,
+    /// Parts of another set's best, or of another island's where there is but one set.
+    Graft,
+    /// Parts drawn anew.
+    Redraw,
+}
+
+/// Where the search of the model within this one ends, if there is one (S_A in S_B, S_C in S_D): each of its islands'
+/// bests, as starts of this one, so that it ends no worse. None where `stop` was set meanwhile.
+fn poorer(
+    problem: &Problem,
+    count: &AtomicU64,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<(Place, Start)>>, LearnError> {
+    let Some((model, places)) = problem.settings.nested(problem.dofs()) else {
+        return Ok(Some(Vec::new()));
+    };
+    let poorer = Problem {
+        settings: Settings {
+            model,
+            ..problem.settings
+        },
+        ..problem.clone()
+    };
+    let mut search = Search::new(&poorer);
+    let most = MOST_POORER * GENERATIONS_A_ROUND;
+    if search.run(&poorer, &mut Backend::Cpu, most, stop, None, |_| {})? == Ended::Stopped {
+        return Ok(None);
+    }
+    count.fetch_add(search.evaluations, Ordering::Relaxed);
+    let start = |(island, found): (usize, &Island)| {
+        let place = Place { island, member: 0 };
+        let start = Start {
+            set: island / problem.islands.max(1),
+            genes: places.iter().map(|&k| found.best[k]).collect(),
+            beat: f32::INFINITY,
+        };
+        (place, start)
+    };
+    let bests = search.islands.iter().enumerate();
+    Ok(Some(
+        bests
+            .filter(|(_, found)| found.best_score < UNSCORED)
+            .map(start)
+            .collect(),
+    ))
+}
+
 /// A member of the population: its island, counted over all sets, and its number there.
 struct Place {
     island: usize,
     member: usize,
 }
 
+/// Blocks that the first genes of a member are drawn from, at most; what is drawn otherwise takes blocks beyond.
+const MOST_BLOCKS: u32 = 1 + MOST_GENES as u32 / 4;
+
+/// The draws of a member (or a descent) of a set after `generation` generations.
+fn draws(problem: &Problem, set: usize, member: usize, generation: u32) -> Draws {
+    Draws {
+        seed: [problem.seed as u32, (problem.seed >> 32) as u32],
+        set: set as u32,
+        member: member as u32,
+        // Proposals count up from 0: these draws are no proposal's.
+        generation: !generation,
+    }
+}
+
 /// An island whose members are drawn anew, after `generation` generations.
 fn fresh(problem: &Problem, set: usize, number: usize, generation: u32) -> Island {
     let mut island = Island::new(problem.genes());
     for member in 0..ISLAND {
-        let draws = Draws {
-            seed: [problem.seed as u32, (problem.seed >> 32) as u32],
-            set: set as u32,
-            member: (number * ISLAND + member) as u32,
-            // Proposals count up from 0: these draws are no proposal's.
-            generation: !generation,
-        };
+        let draws = draws(problem, set, number * ISLAND + member, generation);
         let genes = first(&draws, problem.genes());
         for (row, gene) in island.genes.iter_mut().zip(genes) {
             row[member] = gene;
@@ -476,7 +611,7 @@ fn guests(landscape: &Landscape<'_>, sets: usize, offers: &[(usize, &[u32])]) ->
         .map(|&((set, genes), _)| Start {
             set,
             genes: genes.to_vec(),
-            nested: false,
+            beat: f32::INFINITY,
         })
         .collect()
 }
@@ -580,7 +715,7 @@ impl Checkpoint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{ModelKind, Settings, StepperKind};
+    use crate::problem::{ModelKind, StepperKind};
     use crate::task::{Arm, Task, facing};
 
     fn problem() -> Problem {
@@ -725,7 +860,7 @@ mod tests {
         assert_eq!(ended.unwrap(), Ended::Stopped);
         // As if the stop had come between the generations and the descents.
         let (mut ready, stop) = (cut.clone(), AtomicBool::new(true));
-        assert!(!ready.end_round(&problem, &stop).unwrap());
+        assert!(!ready.end_round(&Ground::new(&problem).unwrap(), &stop).unwrap());
         assert_eq!(ready, cut);
         run(&mut ready, &problem, 2 * GENERATIONS_A_ROUND);
         assert_eq!(ready.islands, whole.islands);

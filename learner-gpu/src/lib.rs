@@ -24,6 +24,7 @@ pub mod csv;
 pub mod experiment;
 pub mod export;
 pub mod gpu;
+pub mod guess;
 pub mod kernel;
 mod lanes;
 pub mod learn;

@@ -15,6 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
 
+use crate::kernel::philox::philox;
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
@@ -26,12 +27,14 @@ use crate::task::{Task, TaskError};
 const FAR: f64 = 0.1;
 /// The weight of the squared coefficients, metres.
 const RIDGE: f64 = 1e-5;
+/// And of the squared differences from another person's, with one reach, metres.
+const KNOWN: f64 = 0.03;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
 /// A reach that is left out takes with it all whose targets are this near, metres.
 pub const NEAR: f64 = 0.05;
 /// Up to so many reaches are left out one by one; of more, in as many groups.
-const MOST_FOLDS: usize = 24;
+const MOST_FOLDS: usize = 256;
 /// Rounds of the search for one vector for all reaches.
 const ROUNDS: u32 = 2;
 
@@ -164,25 +167,16 @@ pub fn learn(
             .iter()
             .map(|x| terms(&standardised(x, &centre, &scale)).to_vec())
             .collect(),
+        known: None,
         stop,
     };
 
-    // One vector for all, by the population: the fits begin there.
+    // The fits begin with one vector for all.
     tell("one vector for all reaches");
-    let jointly = Problem {
-        sets: vec![(0..problem.tasks.len()).collect()],
-        islands: 1,
-        ..problem.clone()
-    };
-    let mut search = Search::new(&jointly);
-    let generations = ROUNDS * GENERATIONS_A_ROUND;
-    search.run(&jointly, &mut Backend::Cpu, generations, stop, None, |_| {})?;
-    let Some(one) = search.winners(&jointly)?.into_iter().next() else {
+    let all: Vec<usize> = (0..problem.tasks.len()).collect();
+    let Some(one) = one_vector(problem, &all, stop)? else {
         return Ok(None);
     };
-    let one = DMatrix::from_vec(problem.genes(), 1, shares(problem, &one.parameters));
-
-    let all: Vec<usize> = (0..problem.tasks.len()).collect();
     let folds = folds(problem);
     let mut trials = vec![nearest(problem, &fit.landscape, own)?];
     // Each degree's fits go on from those of the degree before.
@@ -240,6 +234,129 @@ pub fn learn(
         radius: gap(problem, &folds).max(NEAR),
         trials,
     }))
+}
+
+/// The best vector for some reaches together, by the population, as weights of the first term.
+fn one_vector(
+    problem: &Problem,
+    reaches: &[usize],
+    stop: &AtomicBool,
+) -> Result<Option<DMatrix<f64>>, LearnError> {
+    let jointly = Problem {
+        sets: vec![reaches.to_vec()],
+        islands: 1,
+        ..problem.clone()
+    };
+    let mut search = Search::new(&jointly);
+    let generations = ROUNDS * GENERATIONS_A_ROUND;
+    search.run(
+        &jointly,
+        &mut Backend::Cpu,
+        generations,
+        stop,
+        None,
+        |_| {},
+    )?;
+    let winner = search.winners(&jointly)?.into_iter().next();
+    Ok(winner.map(|one| DMatrix::from_vec(problem.genes(), 1, shares(problem, &one.parameters))))
+}
+
+/// What so many of a person's reaches are good for, with another person's map and without: mean distances of the reaches
+/// that were not used, cm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Transfer {
+    /// How many reaches were learned from.
+    pub reaches: usize,
+    /// The other person's map, adapted to them.
+    pub adapted_cm: f64,
+    /// An affine map from them alone.
+    pub affine_cm: f64,
+    /// One vector from them alone.
+    pub constant_cm: f64,
+}
+
+/// Times that reaches are chosen to learn from.
+const CHOICES: u32 = 6;
+
+/// Learns from 1, 2, … up to `most` reaches of a person, with the `known` map of another and without it, and tries what
+/// was learned on the person's other reaches; means over a few choices of reaches. With 0 reaches: the known map as it
+/// is. None where `stop` was set meanwhile.
+///
+/// # Errors
+/// A task that the core refuses; a known map of another model.
+pub fn transfer(
+    problem: &Problem,
+    known: &LearnedMap,
+    most: usize,
+    stop: &AtomicBool,
+    tell: impl Fn(&str),
+) -> Result<Option<Vec<Transfer>>, LearnError> {
+    let standard = |values: &[f64]| <[f64; INPUTS]>::try_from(values).unwrap_or([1.0; INPUTS]);
+    let (centre, scale) = (standard(&known.centre), standard(&known.scale));
+    let weights = weights(problem, known);
+    let fit = |known: Option<&DMatrix<f64>>| -> Result<Fit<'_>, TaskError> {
+        Ok(Fit {
+            landscape: Landscape::new(problem)?,
+            terms: problem
+                .tasks
+                .iter()
+                .map(|task| terms(&standardised(&inputs(problem, task), &centre, &scale)).to_vec())
+                .collect(),
+            known: known.cloned(),
+            stop,
+        })
+    };
+    let (alone, with) = (fit(None)?, fit(Some(&weights))?);
+    let count = problem.tasks.len();
+    let all: Vec<usize> = (0..count).collect();
+    let as_it_is = 100.0 * with.mean(&weights, &all);
+    let mut out = vec![Transfer {
+        reaches: 0,
+        adapted_cm: as_it_is,
+        affine_cm: f64::NAN,
+        constant_cm: f64::NAN,
+    }];
+    for reaches in 1..=most.min(count.saturating_sub(1)) {
+        tell(&format!("{reaches} reaches"));
+        let mut row = Transfer {
+            reaches,
+            adapted_cm: 0.0,
+            affine_cm: 0.0,
+            constant_cm: 0.0,
+        };
+        for choice in 0..CHOICES {
+            // A shuffle by draws.
+            let mut order = all.clone();
+            order.sort_by_key(|&reach| {
+                philox([reach as u32, choice, 0, !0], [problem.seed as u32, 0])
+            });
+            let (used, others) = order.split_at(reaches);
+            let Some(one) = one_vector(problem, used, stop)? else {
+                return Ok(None);
+            };
+            let affine = alone.descend(one.clone().resize_horizontally(1 + INPUTS, 0.0), used);
+            let adapted = with.descend(weights.clone(), used);
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let share = 100.0 / f64::from(CHOICES);
+            row.adapted_cm += share * with.mean(&adapted, others);
+            row.affine_cm += share * alone.mean(&affine, others);
+            row.constant_cm += share * alone.mean(&one, others);
+        }
+        out.push(row);
+    }
+    Ok(Some(out))
+}
+
+/// A map's coefficients as shares of the bounds.
+fn weights(problem: &Problem, map: &LearnedMap) -> DMatrix<f64> {
+    let bounds = problem.settings.bounds(problem.dofs());
+    DMatrix::from_fn(bounds.len(), map.degree.terms(), |k, j| {
+        let (lower, upper) = bounds[k];
+        let coefficient = map.coefficients[k][j] - if j == 0 { f64::from(lower) } else { 0.0 };
+        coefficient / f64::from(upper - lower)
+    })
 }
 
 /// What a map looks at.
@@ -391,6 +508,8 @@ struct Fit<'a> {
     landscape: Landscape<'a>,
     /// Each reach's terms.
     terms: Vec<Vec<f64>>,
+    /// What coefficients are drawn to, where it is not to 0.
+    known: Option<DMatrix<f64>>,
     stop: &'a AtomicBool,
 }
 
@@ -425,8 +544,26 @@ impl Fit<'_> {
             score.min(FAR) + 0.2 * (score - FAR).max(0.0)
         };
         let sum: f64 = scores.iter().map(counted).sum();
-        let ridge = weights.columns_range(1..).norm_squared() * RIDGE;
-        sum / reaches.len().max(1) as f64 + ridge
+        let count = reaches.len().max(1) as f64;
+        let (pull, first) = self.pull(reaches);
+        let away = weights - self.known(weights.shape());
+        sum / count + pull * away.columns_range(first..).norm_squared()
+    }
+
+    /// The weight of squared coefficients, and the first column that it is on. What is known counts as much with one
+    /// reach as [`KNOWN`] says, and with many less and less.
+    fn pull(&self, reaches: &[usize]) -> (f64, usize) {
+        match self.known {
+            Some(_) => (KNOWN / reaches.len().max(1) as f64, 0),
+            None => (RIDGE, 1),
+        }
+    }
+
+    fn known(&self, (rows, columns): (usize, usize)) -> DMatrix<f64> {
+        match &self.known {
+            Some(known) => known.clone().resize_horizontally(columns, 0.0),
+            None => DMatrix::zeros(rows, columns),
+        }
     }
 
     /// Levenberg and Marquardt's steps from these weights, until they gain nothing.
@@ -506,11 +643,12 @@ impl Fit<'_> {
                 }
             }
         }
+        let ((pull, first), known) = (self.pull(reaches), self.known((rows, columns)));
         for k in 0..rows {
-            for j in 1..columns {
+            for j in first..columns {
                 let a = k * columns + j;
-                gradient[a] += 2.0 * RIDGE * weights[(k, j)];
-                curvature[(a, a)] += 2.0 * RIDGE;
+                gradient[a] += 2.0 * pull * (weights[(k, j)] - known[(k, j)]);
+                curvature[(a, a)] += 2.0 * pull;
             }
         }
         Slope {

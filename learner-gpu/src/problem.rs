@@ -117,17 +117,27 @@ impl Settings {
         }
     }
 
-    /// The model that lies within this one, if one does (S_A in S_B, S_C in S_D): for each parameter the number of that
-    /// of the smaller model which stands in its place.
-    pub fn nested(&self, dofs: usize) -> Option<Vec<usize>> {
+    /// The model that lies within this one, if one does (S_A in S_B, S_C in S_D), and for each parameter the number of
+    /// that of the smaller model which stands in its place.
+    pub fn nested(&self, dofs: usize) -> Option<(ModelKind, Vec<usize>)> {
         match self.model {
             ModelKind::A | ModelKind::C => None,
-            ModelKind::B => Some(vec![0; dofs]),
+            ModelKind::B => Some((ModelKind::A, vec![0; dofs])),
             ModelKind::D => {
                 let gains = 0..dofs;
                 let others = [dofs, dofs + 1].into_iter().flat_map(|k| vec![k; dofs]);
-                Some(gains.chain(others).collect())
+                Some((ModelKind::C, gains.chain(others).collect()))
             }
+        }
+    }
+
+    /// Which part of the synergy each parameter belongs to, a DoF or the sigmoid that all share, and how many there are.
+    pub fn parts(&self, dofs: usize) -> (Vec<usize>, usize) {
+        match self.model {
+            ModelKind::A => (vec![0], 1),
+            ModelKind::B => ((0..dofs).collect(), dofs),
+            ModelKind::C => ((0..dofs).chain([dofs, dofs]).collect(), dofs + 1),
+            ModelKind::D => ((0..3 * dofs).map(|k| k % dofs).collect(), dofs),
         }
     }
 

@@ -31,30 +31,38 @@ use crate::task::TaskError;
 
 /// Steps of a descent, at most.
 const MOST_STEPS: usize = 100;
-/// The step of a central difference, as a share of a parameter's bounds: its own error and that of an `f32` are alike.
-const DIFFERENCE: f32 = 1.0 / 2048.0;
+/// The step of a difference, as a share of a parameter's bounds. Steps go up and down in turns: what one way is wrong by,
+/// the other is wrong by the other way.
+const DIFFERENCE: f32 = 1.0 / 4096.0;
 /// A landmark nearer than this to where it should be counts as being this far, in metres: a norm has no derivative at 0.
 const NEAREST: f32 = 1e-5;
-/// The values of μ tried at a time, each this many times the one before.
-const TRIALS: usize = 8;
-const APART: f64 = 10.0;
+/// The values of μ tried at a time, as multiples of the one that was best before, and how much of the step each leads to
+/// is taken: in a curved valley less than the step is better, in a flat one more.
+const DAMPINGS: [f32; 4] = [0.1, 1.0, 10.0, 100.0];
+const SHARES: [f32; 4] = [1.0, 0.4, 2.0, 4.0];
+const TRIALS: usize = DAMPINGS.len() * SHARES.len();
+/// A pivot of the damped curvature, whose diagonal is about 1, is no less than this.
+const LEAST_PIVOT: f64 = 1e-7;
 /// A descent has arrived when a step gains less than this share of the score.
 const ARRIVED: f32 = 2e-6;
-/// The most vectors of lanes that the parameters, and one more, fill: SSE2's.
-const MOST_VECTORS: usize = MOST_GENES.div_ceil(4) + 1;
+/// And less than this, where what is to be beaten is below it still: most descents end in a valley that is no use.
+const HOPELESS: f32 = 3e-4;
 /// The most lanes of a vector: AVX-512's.
 const MOST_LANES: usize = 16;
+/// The most vectors of lanes that the parameters, and one more, fill: SSE2's.
+const MOST_VECTORS: usize = MOST_GENES / 4 + 1;
+/// As many numbers as there are parameters, and one more, in whole vectors of any width.
+const WIDE: usize = (MOST_GENES / MOST_LANES + 1) * MOST_LANES;
 
 /// Where a descent is to begin.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// The set of motions that is scored.
     pub set: usize,
     /// The genes.
     pub genes: Vec<u32>,
-    /// Whether to descend first in the model that lies within the problem's (S_A in S_B, S_C in S_D), from the mean of
-    /// the genes that are one there.
-    pub nested: bool,
+    /// What is to be beaten, metres: above it a descent ends sooner.
+    pub beat: f32,
 }
 
 /// Where a descent has arrived.
@@ -150,8 +158,8 @@ impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
     }
 
     fn slope(&self, set: usize, point: &[f32]) -> Option<Slope> {
-        let each: Vec<usize> = (0..point.len()).collect();
-        Some(self.get(set)?.slope(point, &each, each.len()))
+        let local = self.get(set)?.local(point, DIFFERENCE, &mut Vec::new());
+        Some(local.slope())
     }
 }
 
@@ -196,19 +204,38 @@ pub struct Slope {
     pub scale: DVector<f64>,
 }
 
+/// The same as a descent has it.
+struct Local {
+    /// How many parameters move.
+    free: usize,
+    gradient: [f32; WIDE],
+    scale: [f32; WIDE],
+    /// The lower half, the diagonal with it; above it is nothing of use.
+    curvature: [[f32; WIDE]; MOST_GENES],
+}
+
+impl Local {
+    fn slope(&self) -> Slope {
+        let curvature = |a: usize, b: usize| f64::from(self.curvature[a.max(b)][a.min(b)]);
+        Slope {
+            gradient: DVector::from_fn(self.free, |a, _| f64::from(self.gradient[a])),
+            curvature: DMatrix::from_fn(self.free, self.free, curvature),
+            scale: DVector::from_fn(self.free, |a, _| f64::from(self.scale[a])),
+        }
+    }
+}
+
+/// Points that are tried, and their scores.
+struct Trials {
+    values: [[f32; TRIALS]; MOST_GENES],
+    scores: [f32; TRIALS],
+}
+
 impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     /// Where it leads, and how many candidates were scored on the way.
     fn descend(&self, start: &Start) -> (Floor, u64) {
         let mut count = 0;
-        let mut at = shares(&start.genes);
-        let inner = self.settings.nested(N);
-        if start.nested
-            && let Some(inner) = &inner
-        {
-            at = self.arrive(&means(&at, inner), inner, &mut count);
-        }
-        let each: Vec<usize> = (0..at.len()).collect();
-        let at = self.arrive(&at, &each, &mut count);
+        let at = self.arrive(&shares(&start.genes), start.beat, &mut count);
         // Genes are a little coarser than what was stepped in.
         let genes: Vec<u32> = at
             .iter()
@@ -218,25 +245,19 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         (Floor { genes, score }, count + 1)
     }
 
-    /// The floor from `at` in the space where parameters with the same number in `groups` are one.
-    fn arrive(&self, at: &[f32], groups: &[usize], count: &mut u64) -> Vec<f32> {
-        let free = groups.iter().max().map_or(0, |most| most + 1);
+    /// The floor from `at`.
+    fn arrive(&self, at: &[f32], beat: f32, count: &mut u64) -> Vec<f32> {
         let mut at = at.to_vec();
         let mut least = self.scores(std::slice::from_ref(&at))[0];
         let mut damping = 1e-2;
-        for _ in 0..MOST_STEPS {
-            let slope = self.slope(&at, groups, free);
-            *count += 2 * free as u64 + 1;
-            let dampings: [f64; TRIALS] =
-                std::array::from_fn(|trial| damping * APART.powi(trial as i32 - 2));
-            let trials: Vec<Vec<f32>> = dampings
-                .iter()
-                .map(|&damping| stepped(&at, groups, &slope, damping))
-                .collect();
-            let scores = self.scores(&trials);
-            *count += TRIALS as u64;
+        let mut apart = Vec::new();
+        for step in 0..MOST_STEPS {
+            let difference = if step % 2 == 0 { DIFFERENCE } else { -DIFFERENCE };
+            let local = self.local(&at, difference, &mut apart);
+            let trials = self.trials(&at, &local, damping);
+            *count += (local.free + 1 + TRIALS) as u64;
             let mut best = (0, f32::INFINITY);
-            for (trial, &score) in scores.iter().enumerate() {
+            for (trial, &score) in trials.scores.iter().enumerate() {
                 if score < best.1 {
                     best = (trial, score);
                 }
@@ -245,10 +266,13 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
                 break;
             }
             let gained = least - best.1;
-            damping = dampings[best.0].clamp(1e-9, 1e6);
-            at = trials[best.0].clone();
+            damping = (damping * DAMPINGS[best.0 % DAMPINGS.len()]).clamp(1e-6, 1e6);
+            for (to, values) in at.iter_mut().zip(&trials.values) {
+                *to = values[best.0];
+            }
             least = best.1;
-            if gained < ARRIVED * least {
+            let arrived = if least > beat { HOPELESS } else { ARRIVED };
+            if gained < arrived * least {
                 break;
             }
         }
@@ -269,7 +293,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         let mut out = Vec::with_capacity(points.len());
         for some in points.chunks(Lanes::<S>::COUNT) {
             // Lanes without a point of their own take the last.
-            let candidates = self.candidates(|lane| &some[lane.min(some.len() - 1)]);
+            let candidates = self.candidates(|lane, k| some[lane.min(some.len() - 1)][k]);
             let candidates = &candidates[..self.bounds.len()];
             let mut scores = [0.0; 16];
             mean(&self.motions, self.settings, candidates).store(&mut scores[..Lanes::<S>::COUNT]);
@@ -280,175 +304,262 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
 
     /// The parameters at a point for each lane.
     #[inline(always)]
-    fn candidates<'p>(&self, point: impl Fn(usize) -> &'p Vec<f32>) -> [Lanes<S>; MOST_GENES] {
+    fn candidates(&self, share: impl Fn(usize, usize) -> f32) -> [Lanes<S>; MOST_GENES] {
         let mut out = [Lanes::zero(); MOST_GENES];
         for (k, (parameter, &(lower, upper))) in out.iter_mut().zip(&self.bounds).enumerate() {
-            let mut values = [0.0; 16];
+            let mut values = [0.0; MOST_LANES];
             for (lane, value) in values.iter_mut().enumerate().take(Lanes::<S>::COUNT) {
-                *value = lower + (upper - lower) * point(lane)[k];
+                *value = lower + (upper - lower) * share(lane, k);
             }
             *parameter = Lanes::load(&values[..Lanes::<S>::COUNT]);
         }
         out
     }
 
-    /// Gradient, curvature and scale at a point. Lane a of all vectors together is a step up along parameter a, and as many
-    /// vectors after these are the steps down; the lane after the last step up is at the point itself.
-    fn slope(&self, at: &[f32], groups: &[usize], free: usize) -> Slope {
+    /// The landscape near a point. Lane a of all vectors together is a step along parameter a; the lane after the last is at
+    /// the point itself. `apart` is room to work in.
+    fn local(&self, at: &[f32], step: f32, apart: &mut Vec<f32>) -> Local {
         S::proof().vectorize(
             #[inline(always)]
-            || self.slope_in_lanes(at, groups, free),
+            || self.local_in_lanes(at, step, apart),
         )
     }
 
     #[inline(always)]
-    fn slope_in_lanes(&self, at: &[f32], groups: &[usize], free: usize) -> Slope {
+    fn local_in_lanes(
+        &self,
+        at: &[f32],
+        step: f32,
+        apart: &mut Vec<f32>,
+    ) -> Local {
         let lanes = Lanes::<S>::COUNT;
-        let vectors = (free + 1).div_ceil(lanes);
-        let mut points = vec![at.to_vec(); 2 * vectors * lanes];
-        for (k, &group) in groups.iter().enumerate() {
-            points[group][k] = at[k] + DIFFERENCE;
-            points[vectors * lanes + group][k] = at[k] - DIFFERENCE;
-        }
-        let rate = Lanes::<S>::splat(0.5 / DIFFERENCE);
-
+        let free = self.bounds.len();
+        let vectors = free / lanes + 1;
+        let rate = Lanes::<S>::splat(1.0 / step);
         let mut gradient = [Lanes::<S>::zero(); MOST_VECTORS];
         let mut scale = [Lanes::<S>::zero(); MOST_VECTORS];
-        let mut curvature = [[Lanes::<S>::zero(); MOST_VECTORS]; MOST_GENES];
-        let mut apart: Vec<Vec<f32>> = vec![Vec::new(); 2 * vectors];
+        // Of each vector of columns, the rows.
+        let mut curvature = [[Lanes::<S>::zero(); MOST_GENES]; MOST_VECTORS];
         for motion in &self.motions {
-            for (v, apart) in apart.iter_mut().enumerate() {
-                apart.clear();
-                let candidates = self.candidates(|lane| &points[v * lanes + lane]);
+            let rows = motion.landmarks();
+            let a_vector = rows * 3 * lanes;
+            apart.resize(vectors * a_vector, 0.0);
+            for (v, apart) in apart.chunks_exact_mut(a_vector).enumerate() {
+                let candidates = self.candidates(|lane, k| match k == v * lanes + lane {
+                    true => at[k] + step,
+                    false => at[k],
+                });
+                let mut rest = apart.chunks_exact_mut(lanes);
                 motion.apart(
                     self.settings,
                     &candidates[..self.bounds.len()],
                     #[inline(always)]
                     |coordinate| {
-                        let end = apart.len();
-                        apart.resize(end + lanes, 0.0);
-                        coordinate.store(&mut apart[end..]);
+                        if let Some(place) = rest.next() {
+                            coordinate.store(place);
+                        }
                     },
                 );
             }
-            let rows = apart[0].len() / (3 * lanes);
             let weight = 1.0 / (rows * self.motions.len()) as f32;
             for row in 0..rows {
-                let coordinate = |c: usize| (3 * row + c) * lanes;
+                let place = |v: usize, c: usize| v * a_vector + (3 * row + c) * lanes;
                 let own: [f32; 3] =
-                    std::array::from_fn(|c| apart[free / lanes][coordinate(c) + free % lanes]);
+                    std::array::from_fn(|c| apart[place(free / lanes, c) + free % lanes]);
                 let norm = (own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
                     .sqrt()
                     .max(NEAREST);
+                let point = own.map(Lanes::<S>::splat);
                 let u = own.map(|x| Lanes::<S>::splat(x / norm));
                 let (weight, bend) = (Lanes::splat(weight), Lanes::splat(weight / norm));
-                let mut across = [[Lanes::<S>::zero(); MOST_VECTORS]; 3];
-                let mut flat = [[0.0; MOST_VECTORS * 16]; 3];
+                let mut across = [[Lanes::<S>::zero(); 3]; MOST_VECTORS];
+                let mut flat = [[0.0; WIDE]; 3];
+                let mut moves = false;
                 for v in 0..vectors {
                     let slope: [Lanes<S>; 3] = std::array::from_fn(|c| {
-                        let begin = coordinate(c);
-                        let (up, down) = (&apart[v], &apart[vectors + v]);
-                        (Lanes::load(&up[begin..begin + lanes])
-                            - Lanes::load(&down[begin..begin + lanes]))
-                            * rate
+                        let begin = place(v, c);
+                        (Lanes::load(&apart[begin..begin + lanes]) - point[c]) * rate
                     });
                     let along = slope[0] * u[0] + slope[1] * u[1] + slope[2] * u[2];
                     gradient[v] = gradient[v] + weight * along;
                     let square = slope[0] * slope[0] + slope[1] * slope[1] + slope[2] * slope[2];
+                    moves |= Lanes::<S>::any(Lanes::zero().lt(square));
                     scale[v] = scale[v] + bend * square;
                     for c in 0..3 {
-                        across[c][v] = slope[c] - along * u[c];
-                        across[c][v].store(&mut flat[c][v * lanes..(v + 1) * lanes]);
-                        across[c][v] = across[c][v] * bend;
+                        across[v][c] = slope[c] - along * u[c];
+                        across[v][c].store(&mut flat[c][v * lanes..(v + 1) * lanes]);
+                        across[v][c] = across[v][c] * bend;
                     }
                 }
-                for a in 0..free {
-                    let own: [Lanes<S>; 3] = std::array::from_fn(|c| Lanes::splat(flat[c][a]));
-                    // It is symmetric: what is right of the diagonal is not needed.
-                    for v in 0..=a / lanes {
-                        curvature[a][v] = curvature[a][v]
-                            + (own[0] * across[0][v]
-                                + own[1] * across[1][v]
-                                + own[2] * across[2][v]);
+                // The base, and everything in the first frame, moves with no parameter.
+                if !moves {
+                    continue;
+                }
+                for (v, across) in across[..vectors].iter().enumerate() {
+                    // It is symmetric: columns right of the diagonal are not needed.
+                    let below = v * lanes..free;
+                    let rows = curvature[v][below.clone()].iter_mut();
+                    let own = flat[0][below.clone()]
+                        .iter()
+                        .zip(&flat[1][below.clone()])
+                        .zip(&flat[2][below.clone()]);
+                    for (sum, ((&x, &y), &z)) in rows.zip(own) {
+                        *sum = *sum
+                            + (Lanes::splat(x) * across[0]
+                                + Lanes::splat(y) * across[1]
+                                + Lanes::splat(z) * across[2]);
                     }
                 }
             }
         }
         let flat = |vectors: &[Lanes<S>]| {
-            let mut out = [0.0; MOST_VECTORS * 16];
-            for (v, vector) in vectors.iter().enumerate() {
-                vector.store(&mut out[v * lanes..(v + 1) * lanes]);
+            let mut out = [0.0; WIDE];
+            for (vector, place) in vectors.iter().zip(out.chunks_exact_mut(lanes)) {
+                vector.store(place);
             }
             out
         };
-        let (gradient, scale) = (flat(&gradient), flat(&scale));
-        let curvature: Vec<_> = curvature[..free].iter().map(|row| flat(row)).collect();
-        Slope {
-            gradient: DVector::from_fn(free, |a, _| f64::from(gradient[a])),
-            curvature: DMatrix::from_fn(free, free, |a, b| {
-                f64::from(if a >= b {
-                    curvature[a][b]
-                } else {
-                    curvature[b][a]
-                })
-            }),
-            scale: DVector::from_fn(free, |a, _| f64::from(scale[a])),
+        Local {
+            free,
+            gradient: flat(&gradient),
+            scale: flat(&scale),
+            curvature: std::array::from_fn(|a| flat(&curvature.map(|rows| rows[a]))),
         }
     }
-}
 
-/// The mean of each group's values, in its members' places.
-fn means(at: &[f32], groups: &[usize]) -> Vec<f32> {
-    let mean = |group: usize| {
-        let members = || at.iter().zip(groups).filter(move |&(_, &g)| g == group);
-        members().map(|(x, _)| x).sum::<f32>() / members().count() as f32
-    };
-    groups.iter().map(|&group| mean(group)).collect()
-}
-
-/// A step from `at` down a slope, within [0, 1].
-fn stepped(at: &[f32], groups: &[usize], slope: &Slope, damping: f64) -> Vec<f32> {
-    let free = slope.gradient.len();
-    let mut value = vec![0.0; free];
-    for (&group, &share) in groups.iter().zip(at) {
-        value[group] = f64::from(share);
+    /// Steps from `at`, each lane with a damping and a share of its own, and where they lead to.
+    fn trials(&self, at: &[f32], local: &Local, damping: f32) -> Trials {
+        S::proof().vectorize(
+            #[inline(always)]
+            || self.trials_in_lanes(at, local, damping),
+        )
     }
-    let mut step = DVector::zeros(free);
-    let mut held: Vec<bool> = value
-        .iter()
-        .zip(&slope.gradient)
-        .map(|(&value, &slope)| pushed(value, -slope))
-        .collect();
-    // What a step would push against its bound is held too, and the others' steps are found anew.
-    for _ in 0..3 {
-        let mut matrix = slope.curvature.clone();
-        let mut side = -&slope.gradient;
-        for a in 0..free {
-            matrix[(a, a)] += damping * slope.scale[a].max(1e-9);
-        }
-        for a in (0..free).filter(|&a| held[a]) {
-            matrix.row_mut(a).fill(0.0);
-            matrix.column_mut(a).fill(0.0);
-            matrix[(a, a)] = 1.0;
-            side[a] = 0.0;
-        }
-        let Some(factors) = matrix.cholesky() else {
-            return at.to_vec();
+
+    #[inline(always)]
+    fn trials_in_lanes(
+        &self,
+        at: &[f32],
+        local: &Local,
+        damping: f32,
+    ) -> Trials {
+        let lanes = Lanes::<S>::COUNT;
+        let dampings: [f32; TRIALS] =
+            std::array::from_fn(|trial| damping * DAMPINGS[trial % DAMPINGS.len()]);
+        let shares: [f32; TRIALS] = std::array::from_fn(|trial| SHARES[trial / DAMPINGS.len()]);
+        let mut value = [0.0; MOST_GENES];
+        value[..at.len()].copy_from_slice(at);
+        let mut out = Trials {
+            values: [[0.0; TRIALS]; MOST_GENES],
+            scores: [0.0; TRIALS],
         };
-        step = factors.solve(&side);
-        let more: Vec<usize> = (0..free)
-            .filter(|&a| !held[a] && pushed(value[a], step[a]))
-            .collect();
-        if more.is_empty() {
+        for begin in (0..TRIALS).step_by(lanes) {
+            let some = begin..begin + lanes;
+            let step = descent(local, &value, Lanes::<S>::load(&dampings[some.clone()]));
+            let share = Lanes::<S>::load(&shares[some.clone()]);
+            let mut candidates = [Lanes::<S>::zero(); MOST_GENES];
+            for (k, &(lower, upper)) in self.bounds.iter().enumerate() {
+                let moved = (Lanes::splat(at[k]) + share * step[k])
+                    .within(Lanes::zero(), Lanes::one());
+                moved.store(&mut out.values[k][some.clone()]);
+                candidates[k] = Lanes::splat(lower) + Lanes::splat(upper - lower) * moved;
+            }
+            let candidates = &candidates[..self.bounds.len()];
+            mean(&self.motions, self.settings, candidates).store(&mut out.scores[some]);
+        }
+        out
+    }
+}
+
+/// A step down from a point with these values, each lane with its own damping: by Cholesky's factors of the damped
+/// curvature, each parameter in units that make its scale 1. What a step would push out of [0, 1] stays, and the others'
+/// steps are found anew.
+#[inline(always)]
+fn descent<S: Instructions>(
+    local: &Local,
+    value: &[f32; MOST_GENES],
+    damping: Lanes<S>,
+) -> [Lanes<S>; MOST_GENES] {
+    let free = local.free;
+    let (zero, one) = (Lanes::<S>::zero(), Lanes::<S>::one());
+    let mut unit = [0.0; MOST_GENES];
+    for (unit, scale) in unit.iter_mut().zip(&local.scale) {
+        *unit = 1.0 / scale.max(1e-9).sqrt();
+    }
+    // 1 where a parameter moves, 0 where it is held.
+    let mut moves = [one; MOST_GENES];
+    for a in 0..free {
+        if pushed(value[a], -local.gradient[a]) {
+            moves[a] = zero;
+        }
+    }
+    let mut step = [zero; MOST_GENES];
+    for _ in 0..3 {
+        // Row by row, up to the diagonal.
+        let mut lower = [zero; MOST_GENES * (MOST_GENES + 1) / 2];
+        let row = |a: usize| a * (a + 1) / 2;
+        let mut inverse = [zero; MOST_GENES];
+        for a in 0..free {
+            for b in 0..=a {
+                let own = Lanes::splat(local.curvature[a][b] * (unit[a] * unit[b]));
+                let mut left = if a == b {
+                    (own + damping) * moves[a] + (one - moves[a])
+                } else {
+                    own * (moves[a] * moves[b])
+                };
+                for k in 0..b {
+                    left = left - lower[row(a) + k] * lower[row(b) + k];
+                }
+                if a == b {
+                    let pivot = Lanes::select(
+                        left.lt(Lanes::of(LEAST_PIVOT)),
+                        Lanes::of(LEAST_PIVOT),
+                        left,
+                    );
+                    inverse[a] = one / pivot.sqrt();
+                } else {
+                    lower[row(a) + b] = left * inverse[b];
+                }
+            }
+        }
+        let mut side = [zero; MOST_GENES];
+        for a in 0..free {
+            let mut left = Lanes::splat(-local.gradient[a] * unit[a]) * moves[a];
+            for k in 0..a {
+                left = left - lower[row(a) + k] * side[k];
+            }
+            side[a] = left * inverse[a];
+        }
+        for a in (0..free).rev() {
+            let mut left = side[a];
+            for k in a + 1..free {
+                left = left - lower[row(k) + a] * side[k];
+            }
+            side[a] = left * inverse[a];
+        }
+        let mut more = false;
+        for a in 0..free {
+            step[a] = side[a] * Lanes::splat(unit[a]) * moves[a];
+            let out = if value[a] <= 0.0 {
+                step[a].lt(zero)
+            } else if value[a] >= 1.0 {
+                zero.lt(step[a])
+            } else {
+                continue;
+            };
+            if Lanes::<S>::any(out) {
+                more = true;
+                moves[a] = Lanes::select(out, zero, moves[a]);
+                step[a] = Lanes::select(out, zero, step[a]);
+            }
+        }
+        if !more {
             break;
         }
-        more.into_iter().for_each(|a| held[a] = true);
     }
-    let moved = |(&share, &group): (&f32, &usize)| (share + step[group] as f32).clamp(0.0, 1.0);
-    at.iter().zip(groups).map(moved).collect()
+    step
 }
 
 /// Whether a value at a bound of [0, 1] is moved out of it.
-fn pushed(value: f64, by: f64) -> bool {
+fn pushed(value: f32, by: f32) -> bool {
     (value <= 0.0 && by < 0.0) || (value >= 1.0 && by > 0.0)
 }

@@ -148,6 +148,23 @@ impl Task {
         Ok(posture.map(T::of))
     }
 
+    /// The recorded motion as joint vectors: for each frame that within limits whose landmarks are nearest, found from
+    /// that of the frame before.
+    ///
+    /// # Errors
+    /// A chain or a posture of another size.
+    pub fn postures<const N: usize>(&self) -> Result<Vec<[f64; N]>, TaskError> {
+        let chain = self.chain.build::<N>()?;
+        let mut q = self.posture::<f64, N>()?;
+        let rest = self.reference.iter().skip(1);
+        let mut out = vec![q];
+        out.extend(rest.map(|frame| {
+            q = descend(&chain, frame, &q, q).0;
+            q
+        }));
+        Ok(out)
+    }
+
     /// Its target, for a scalar.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use fearless_simd::Simd;
 use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
-use super::proposal::{Draws, GENE, ISLAND, MOST_GENES, accepts, first, parameter, propose};
+use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, first, parameter, propose};
 use super::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes};
 use crate::problem::Settings;
@@ -40,16 +40,6 @@ impl Island {
     /// A member's genes.
     pub fn member(&self, member: usize) -> Vec<u32> {
         self.genes.iter().map(|row| row[member]).collect()
-    }
-
-    /// `from`, moved by half the difference of a member and the one half an island further on.
-    pub fn leap(&self, from: &[u32], member: usize) -> Vec<u32> {
-        let other = (member + ISLAND / 2) % ISLAND;
-        let moved = |(&from, row): (&u32, &Vec<u32>)| {
-            let half = (row[member] as i32 - row[other] as i32) / 2;
-            (from as i32 + half).clamp(0, GENE as i32) as u32
-        };
-        from.iter().zip(&self.genes).map(moved).collect()
     }
 
     /// The member with the least score.

@@ -92,6 +92,11 @@ impl<T: Real, const N: usize> Ready<T, N> {
         }
     }
 
+    /// How many landmarks are compared, over all frames.
+    pub fn landmarks(&self) -> usize {
+        self.reference.iter().map(Vec::len).sum()
+    }
+
     /// How far each landmark is in each frame from where it was recorded: x, y and z of the first landmark in frame 0, and
     /// so on, metres. Nothing where the parameters are no synergy's.
     #[inline(always)]
