@@ -64,7 +64,9 @@ fn check(method: &Method) -> Result<(), String> {
         sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09).map_err(|error| error.to_string())?;
     let structure =
         Structure::new(&[arm.cast::<f32>()], method).map_err(|error| error.to_string())?;
-    let kernel = compose::compose(&structure).map_err(|error| error.to_string())?;
+    // Its data may be of two kinds: one model of each stepper tries the second.
+    let window = (method.model == Model::C).then_some(4096);
+    let kernel = compose::compose(&structure, window).map_err(|error| error.to_string())?;
     if let Some(folder) = std::env::var_os("SINEW_KERNELS") {
         // For who wants to read them.
         let name = format!("{}-{}.wgsl", method.stepper_name(), method.model_name());

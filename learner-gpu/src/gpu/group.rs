@@ -8,38 +8,39 @@ use std::num::NonZero;
 use std::ops::Range;
 
 use wgpu::{
-    BindGroup, BindGroupDescriptor, BindGroupEntry, BindGroupLayout, BindingResource, Buffer,
-    BufferBinding, BufferDescriptor, BufferUsages,
+    BindGroup, BindGroupDescriptor, BindGroupEntry, BindingResource, Buffer, BufferBinding,
+    BufferDescriptor, BufferUsages,
 };
 
 use super::device::{Device, PART};
 use super::error::GpuError;
-use super::kernel::{MOST_GENERATIONS, RUN_BYTES, RUN_STRIDE};
+use super::kernel::{Kernel, MOST_GENERATIONS, RUN_BYTES, RUN_STRIDE, WINDOW};
 use super::motions::Motions;
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 
-/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member.
-const SUMMARY: usize = 4;
+/// How large buffers can be, bytes.
+struct Limits {
+    /// The motions' data.
+    data: u64,
+    /// Every other.
+    each: u64,
+}
 
 /// What goes into a group's buffers, in words of 4 bytes.
 #[derive(Default)]
 struct Contents {
-    /// A row a motion: its arm and task.
-    numbers: Vec<u32>,
-    /// The recorded points.
-    recorded: Vec<u32>,
-    /// For each motion of each set: row of numbers, first frame, frames.
+    /// Of each motion, its arm, its task and its recorded points.
+    data: Vec<u32>,
+    /// For each motion of each set: where its data begin, in fours, and how many frames there are.
     motions: Vec<u32>,
     /// For each island: set, number in it, the set's first motion, how many.
     places: Vec<u32>,
     /// The islands themselves.
     islands: Vec<u32>,
-    /// For each island, [`SUMMARY`] words.
+    /// For each island, what is known of it as a whole.
     summaries: Vec<u32>,
-    /// How many words what the islands try takes.
-    tried: usize,
     /// Ticks that a generation of each island takes.
     ticks: Vec<u64>,
     /// Motions of the largest set.
@@ -47,21 +48,23 @@ struct Contents {
 }
 
 impl Contents {
-    /// The largest buffer: what it holds, and its size in bytes.
-    fn largest(&self) -> (&'static str, u64) {
+    /// A buffer above its limit: what it holds, its size and its limit in bytes.
+    fn too_large(&self, limits: &Limits) -> Option<(&'static str, u64, u64)> {
         let sizes = [
-            ("the arms' numbers", self.numbers.len()),
-            ("the recordings", self.recorded.len()),
-            ("the list of motions", self.motions.len()),
-            ("the list of islands", self.places.len()),
-            ("the population", self.islands.len()),
-            ("what the population tries", self.tried),
+            ("the recordings", self.data.len(), limits.data),
+            ("the list of motions", self.motions.len(), limits.each),
+            ("the list of islands", self.places.len(), limits.each),
+            ("the population", self.islands.len(), limits.each),
+            (
+                "the population's summary",
+                self.summaries.len(),
+                limits.each,
+            ),
         ];
-        let (what, words) = sizes
+        sizes
             .into_iter()
-            .max_by_key(|&(_, words)| words)
-            .unwrap_or_default();
-        (what, words as u64 * 4)
+            .map(|(what, words, limit)| (what, words as u64 * 4, limit))
+            .find(|&(_, needed, limit)| needed > limit)
     }
 }
 
@@ -73,84 +76,95 @@ pub(super) struct Group {
     pub ticks: Vec<u64>,
     /// Motions of the largest set.
     pub most_motions: u32,
-    pub bindings: BindGroup,
+    /// With the population in the one buffer and the next generation in the other, and the other way round.
+    pub bindings: [BindGroup; 2],
     pub run: Buffer,
-    population: Buffer,
+    populations: [Buffer; 2],
     summaries: Buffer,
-    tried: Buffer,
 }
 
 impl Group {
-    /// The problem's islands in as few groups as have no buffer above `limit` bytes.
+    /// The problem's islands in as few groups as have no buffer above its limit. The population is in the first buffer.
     ///
     /// # Errors
     /// A single island whose motions are above it.
     pub fn all(
         device: &Device,
-        layout: &BindGroupLayout,
+        kernel: &Kernel,
         problem: &Problem,
         motions: &Motions,
         islands: &[Island],
         limit: u64,
     ) -> Result<Vec<Group>, GpuError> {
+        let data = match kernel.window {
+            true => WINDOW,
+            false => limit,
+        };
+        let limits = Limits { data, each: limit };
         let mut groups = Vec::new();
         let mut first = 0;
         while first < islands.len() {
-            let (contents, end) = gather(problem, motions, islands, first, limit)?;
-            groups.push(Group::new(device, layout, contents, first..end));
+            let (contents, end) = gather(problem, motions, islands, first, &limits)?;
+            groups.push(Group::new(device, kernel, contents, first..end));
             device.check()?;
             first = end;
         }
         Ok(groups)
     }
 
-    fn new(
-        device: &Device,
-        layout: &BindGroupLayout,
-        contents: Contents,
-        islands: Range<usize>,
-    ) -> Self {
-        let run = device.device.create_buffer(&BufferDescriptor {
-            label: Some("run"),
-            size: u64::from(MOST_GENERATIONS) * RUN_STRIDE,
-            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let population = device.storage("islands", contents.islands.len());
-        let summaries = device.storage("summaries", contents.summaries.len());
-        let tried = device.storage("tried", contents.tried);
-        device.write(&population, &contents.islands);
-        device.write(&summaries, &contents.summaries);
-        let uploaded = |label, words: &[u32]| {
+    fn new(device: &Device, kernel: &Kernel, contents: Contents, islands: Range<usize>) -> Self {
+        let uniform = |label, size| {
+            device.device.create_buffer(&BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let storage = |label, words: &[u32]| {
             let buffer = device.storage(label, words.len());
             device.write(&buffer, words);
             buffer
         };
-        let buffers = [
-            &run,
-            &uploaded("numbers", &contents.numbers),
-            &uploaded("recorded", &contents.recorded),
-            &uploaded("motions", &contents.motions),
-            &uploaded("places", &contents.places),
-            &population,
-            &summaries,
-            &tried,
+        let run = uniform("run", u64::from(MOST_GENERATIONS) * RUN_STRIDE);
+        let data = match kernel.window {
+            true => uniform("data", WINDOW),
+            false => device.storage("data", contents.data.len()),
+        };
+        device.write(&data, &contents.data);
+        let motions = storage("motions", &contents.motions);
+        let places = storage("places", &contents.places);
+        let summaries = storage("summaries", &contents.summaries);
+        let populations = [
+            storage("islands", &contents.islands),
+            device.storage("islands", contents.islands.len()),
         ];
-        let bindings = device.device.create_bind_group(&BindGroupDescriptor {
-            label: Some("group"),
-            layout,
-            entries: &std::array::from_fn::<_, 8, _>(|binding| BindGroupEntry {
+        let bindings = [0, 1].map(|at| {
+            let buffers = [
+                &data,
+                &motions,
+                &places,
+                &populations[at],
+                &populations[1 - at],
+                &summaries,
+            ];
+            // A window on it that moves from generation to generation.
+            let run = BindingResource::Buffer(BufferBinding {
+                buffer: &run,
+                offset: 0,
+                size: NonZero::new(RUN_BYTES),
+            });
+            let whole = buffers.into_iter().map(Buffer::as_entire_binding);
+            let resources = std::iter::once(run).chain(whole).enumerate();
+            let entry = |(binding, resource)| BindGroupEntry {
                 binding: binding as u32,
-                resource: match binding {
-                    // A window on it that moves from generation to generation.
-                    0 => BindingResource::Buffer(BufferBinding {
-                        buffer: &run,
-                        offset: 0,
-                        size: NonZero::new(RUN_BYTES),
-                    }),
-                    _ => buffers[binding].as_entire_binding(),
-                },
-            }),
+                resource,
+            };
+            device.device.create_bind_group(&BindGroupDescriptor {
+                label: Some("group"),
+                layout: &kernel.layout,
+                entries: &resources.map(entry).collect::<Vec<_>>(),
+            })
         });
         Group {
             islands,
@@ -158,28 +172,25 @@ impl Group {
             most_motions: contents.most_motions,
             bindings,
             run,
-            population,
+            populations,
             summaries,
-            tried,
         }
     }
 
-    /// The islands, from the device.
+    /// The islands, from the device, where the population is in the buffer of number `at`.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn read(&self, device: &Device, genes: usize) -> Result<Vec<Island>, GpuError> {
+    pub fn read(&self, device: &Device, genes: usize, at: usize) -> Result<Vec<Island>, GpuError> {
         let each = words_an_island(genes);
+        let summaries = device.read(&self.summaries)?;
+        let summaries: Vec<&[u32]> = summaries.chunks_exact(words_a_summary(genes)).collect();
         let mut islands = Vec::with_capacity(self.islands.len());
-        for some in self.summaries(device)?.chunks((PART / each).max(1)) {
+        for some in summaries[..self.islands.len()].chunks((PART / each).max(1)) {
             let from = islands.len() * each;
-            let words = device.read_part(&self.population, from..from + some.len() * each)?;
-            let words = words.chunks_exact(each);
-            islands.extend(
-                words
-                    .zip(some)
-                    .map(|(words, &(best, _))| unpacked(words, genes, best)),
-            );
+            let words = device.read_part(&self.populations[at], from..from + some.len() * each)?;
+            let words = words.chunks_exact(each).zip(some);
+            islands.extend(words.map(|(words, summary)| unpacked(words, summary, genes)));
         }
         Ok(islands)
     }
@@ -188,71 +199,68 @@ impl Group {
     ///
     /// # Errors
     /// The device is lost.
-    pub fn summaries(&self, device: &Device) -> Result<Vec<(f32, f32)>, GpuError> {
+    pub fn summaries(&self, device: &Device, genes: usize) -> Result<Vec<(f32, f32)>, GpuError> {
         let words = device.read(&self.summaries)?;
-        let each = words.chunks_exact(SUMMARY).take(self.islands.len());
+        let each = words.chunks_exact(words_a_summary(genes));
         Ok(each
+            .take(self.islands.len())
             .map(|words| (f32::from_bits(words[0]), f32::from_bits(words[1])))
             .collect())
     }
 
-    /// The scores that `score_members` wrote, or those last tried: for each island, its members'.
+    /// The scores that `score_members` wrote into the buffer that the population, in the one of number `at`, is not in:
+    /// for each island, its members'.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn scores(&self, device: &Device, genes: usize) -> Result<Vec<Vec<f32>>, GpuError> {
-        let words = device.read(&self.tried)?;
-        let each = words
-            .chunks_exact(words_tried(genes))
-            .take(self.islands.len());
+    pub fn scores(
+        &self,
+        device: &Device,
+        genes: usize,
+        at: usize,
+    ) -> Result<Vec<Vec<f32>>, GpuError> {
+        let words = device.read(&self.populations[1 - at])?;
+        let each = words.chunks_exact(words_an_island(genes));
         Ok(each
+            .take(self.islands.len())
             .map(|words| {
-                let scores = words.iter().skip(genes * ISLAND).take(ISLAND);
+                let scores = words.iter().skip(words.len() - ISLAND);
                 scores.copied().map(f32::from_bits).collect()
             })
             .collect())
     }
 }
 
-/// Islands from `first` on, until the next would make a buffer larger than `limit` bytes; and the one after them.
+/// Islands from `first` on, until the next would make a buffer too large; and the one after them.
 fn gather(
     problem: &Problem,
     motions: &Motions,
     islands: &[Island],
     first: usize,
-    limit: u64,
+    limits: &Limits,
 ) -> Result<(Contents, usize), GpuError> {
     let islands_a_set = problem.islands.max(1);
     let mut contents = Contents::default();
-    let mut rows = HashMap::new();
+    let mut begins = HashMap::new();
     let mut set_at = (usize::MAX, 0, 0);
-    let mut frames = 0u32;
     for (number, island) in islands.iter().enumerate().skip(first) {
         let (set, place) = (number / islands_a_set, number % islands_a_set);
         let members: &[usize] = problem.sets.get(set).map_or(&[], Vec::as_slice);
         // The sizes as they would be with this island, before it is put in.
-        let before = (
-            contents.numbers.len(),
-            contents.recorded.len(),
-            contents.motions.len(),
-        );
+        let before = (contents.data.len(), contents.motions.len());
         if set_at.0 != set {
-            let begin = contents.motions.len() as u32 / 3;
+            let begin = contents.motions.len() as u32 / 2;
             let mut ticks = 0;
             for task in members {
                 let Some(motion) = motions.each.get(*task) else {
                     continue;
                 };
-                let (row, first_frame) = *rows.entry(*task).or_insert_with(|| {
-                    let at = (contents.numbers.len() / motion.numbers.len().max(1), frames);
-                    contents.numbers.extend(&motion.numbers);
-                    contents.recorded.extend(&motion.recorded);
-                    frames += motion.frames;
+                let at = *begins.entry(*task).or_insert_with(|| {
+                    let at = contents.data.len() as u32 / 4;
+                    contents.data.extend(&motion.data);
                     at
                 });
-                contents
-                    .motions
-                    .extend([row as u32, first_frame, motion.frames]);
+                contents.motions.extend([at, motion.frames]);
                 ticks += u64::from(motion.frames) * ISLAND as u64;
             }
             set_at = (set, begin, ticks);
@@ -263,16 +271,12 @@ fn gather(
             set as u32,
             place as u32,
             begin,
-            contents.motions.len() as u32 / 3 - begin,
+            contents.motions.len() as u32 / 2 - begin,
         ]);
-        pack(&mut contents.islands, island);
-        contents.summaries.push(island.best_score.to_bits());
-        contents.summaries.extend([0; SUMMARY - 1]);
-        contents.tried += words_tried(problem.genes());
+        pack(&mut contents, island);
         contents.ticks.push(ticks);
 
-        let (what, needed) = contents.largest();
-        if needed > limit {
+        if let Some((what, needed, limit)) = contents.too_large(limits) {
             if number == first {
                 return Err(GpuError::Limit {
                     what,
@@ -282,15 +286,15 @@ fn gather(
             }
             // One too many.
             let kept = number - first;
-            contents.numbers.truncate(before.0);
-            contents.recorded.truncate(before.1);
-            contents.motions.truncate(before.2);
-            contents.places.truncate(4 * kept);
-            contents
-                .islands
-                .truncate(contents.islands.len() / (kept + 1) * kept);
-            contents.summaries.truncate(SUMMARY * kept);
-            contents.tried = contents.tried / (kept + 1) * kept;
+            contents.data.truncate(before.0);
+            contents.motions.truncate(before.1);
+            for words in [
+                &mut contents.places,
+                &mut contents.islands,
+                &mut contents.summaries,
+            ] {
+                words.truncate(words.len() / (kept + 1) * kept);
+            }
             contents.ticks.truncate(kept);
             return Ok((contents, number));
         }
@@ -298,31 +302,42 @@ fn gather(
     Ok((contents, islands.len()))
 }
 
-/// Words of an `Island` in `anneal.wgsl`.
+/// Words of a `Members` in `anneal.wgsl`.
 fn words_an_island(genes: usize) -> usize {
-    genes * ISLAND + ISLAND + genes
+    genes.next_multiple_of(4) * ISLAND + ISLAND
 }
 
-/// Words of a `Tried` in `anneal.wgsl`.
-fn words_tried(genes: usize) -> usize {
-    genes * ISLAND + 2 * ISLAND
+/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member, genes of the best ever.
+fn words_a_summary(genes: usize) -> usize {
+    4 + genes.next_multiple_of(4)
 }
 
-fn pack(words: &mut Vec<u32>, island: &Island) {
-    for row in &island.genes {
-        words.extend(row);
+fn pack(contents: &mut Contents, island: &Island) {
+    for four in island.genes.chunks(4) {
+        for member in 0..ISLAND {
+            let gene = |k: usize| four.get(k).map_or(0, |row| row[member]);
+            contents.islands.extend([0, 1, 2, 3].map(gene));
+        }
     }
-    words.extend(island.scores.iter().map(|score| score.to_bits()));
-    words.extend(&island.best);
+    let scores = island.scores.iter().map(|score| score.to_bits());
+    contents.islands.extend(scores);
+    let best_score = island.best_score.to_bits();
+    contents.summaries.extend([best_score, 0, 0, 0]);
+    contents.summaries.extend(&island.best);
+    let whole = contents.summaries.len().next_multiple_of(4);
+    contents.summaries.resize(whole, 0);
 }
 
-fn unpacked(words: &[u32], genes: usize, best_score: f32) -> Island {
-    let (rows, rest) = words.split_at(genes * ISLAND);
-    let (scores, best) = rest.split_at(ISLAND);
+fn unpacked(words: &[u32], summary: &[u32], genes: usize) -> Island {
+    let (fours, scores) = words.split_at(words.len() - ISLAND);
+    let row = |k: usize| {
+        let four = fours.iter().skip(k / 4 * 4 * ISLAND + k % 4).step_by(4);
+        four.take(ISLAND).copied().collect()
+    };
     Island {
-        genes: rows.chunks_exact(ISLAND).map(<[u32]>::to_vec).collect(),
+        genes: (0..genes).map(row).collect(),
         scores: scores.iter().copied().map(f32::from_bits).collect(),
-        best: best.to_vec(),
-        best_score,
+        best: summary[4..4 + genes].to_vec(),
+        best_score: f32::from_bits(summary[0]),
     }
 }

@@ -13,12 +13,15 @@ use super::device::Device;
 use super::error::GpuError;
 use super::group::Group;
 use crate::kernel::compose::{Structure, compose};
+use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 
 /// Generations in one submission, at most.
 pub(super) const MOST_GENERATIONS: u32 = 256;
 /// Bytes of a `Run` in `anneal.wgsl`.
 pub(super) const RUN_BYTES: u64 = 48;
+/// Bytes of a uniform buffer that every device can bind.
+pub(super) const WINDOW: u64 = 1 << 16;
 /// Bytes from one to the next: what every device can begin a binding at.
 pub(super) const RUN_STRIDE: u64 = 256;
 
@@ -27,10 +30,23 @@ pub(super) const RUN_STRIDE: u64 = 256;
 pub(super) enum Step {
     /// Proposes, scores and decides.
     Attempt,
-    /// Carries out what was decided, and sums up.
+    /// Sums up.
     Settle,
     /// Scores the members as they are.
     Score,
+}
+
+/// What of a group's work is done at once.
+#[derive(Clone)]
+pub(super) struct Part {
+    /// These of its islands.
+    pub islands: Range<usize>,
+    /// Generations, at most [`MOST_GENERATIONS`].
+    pub generations: Range<u32>,
+    /// These of each set's motions.
+    pub motions: Range<u32>,
+    /// Which of its two buffers the population is in: after each generation it is in the other.
+    pub at: usize,
 }
 
 /// The kernel for one problem.
@@ -39,6 +55,8 @@ pub(super) struct Kernel {
     attempt: ComputePipeline,
     settle: ComputePipeline,
     score: ComputePipeline,
+    /// Whether `data` is a uniform buffer.
+    pub window: bool,
     seed: u64,
     /// λ·dt, and dt in seconds: multiplied in `f32` as the core does.
     gain: f32,
@@ -48,7 +66,7 @@ pub(super) struct Kernel {
 }
 
 impl Kernel {
-    /// Composes the kernel and hands it to the driver.
+    /// Composes the kernel and hands it to the driver. `window`: the data of every set are at most [`WINDOW`] bytes.
     ///
     /// # Errors
     /// The device refuses it.
@@ -56,14 +74,16 @@ impl Kernel {
         device: &Device,
         structure: &Structure,
         problem: &Problem,
+        window: bool,
     ) -> Result<Self, GpuError> {
-        let source = compose(structure)?.source;
+        let fours = window.then_some(WINDOW as usize / 16);
+        let source = compose(structure, fours)?.source;
         let module = device.device.create_shader_module(ShaderModuleDescriptor {
             label: Some("kernel"),
             source: ShaderSource::Wgsl(source.into()),
         });
         device.check()?;
-        let layout = layout(device);
+        let layout = layout(device, window);
         let pipelines = device
             .device
             .create_pipeline_layout(&PipelineLayoutDescriptor {
@@ -90,6 +110,7 @@ impl Kernel {
             attempt,
             settle,
             score,
+            window,
             seed: problem.seed,
             gain: problem.settings.lambda as f32 * dt,
             dt,
@@ -101,8 +122,7 @@ impl Kernel {
         })
     }
 
-    /// Runs these steps on these islands of a group, for each generation in turn (at most [`MOST_GENERATIONS`]), with
-    /// these of each set's motions, and waits.
+    /// Runs these steps on a part of a group, for each generation in turn, and waits.
     ///
     /// # Errors
     /// The device is lost, or refuses.
@@ -110,28 +130,26 @@ impl Kernel {
         &self,
         device: &Device,
         group: &Group,
-        islands: Range<usize>,
-        generations: Range<u32>,
-        motions: Range<u32>,
+        part: Part,
         steps: &[Step],
     ) -> Result<(), GpuError> {
-        let count = islands.len() as u32;
+        let count = part.islands.len() as u32;
         // Workgroups past a row's limit go into the next; those left over in the last row do nothing.
         let columns = count.clamp(1, self.columns);
         let mut runs = Vec::new();
-        for generation in generations.clone() {
+        for generation in part.generations.clone() {
             runs.extend([
                 self.seed as u32,
                 (self.seed >> 32) as u32,
                 generation,
-                islands.start as u32,
+                part.islands.start as u32,
                 count,
                 columns,
                 self.gain.to_bits(),
                 self.dt.to_bits(),
                 0,
-                motions.start,
-                motions.len() as u32,
+                part.motions.start,
+                part.motions.len() as u32,
             ]);
             runs.resize(runs.len().next_multiple_of(RUN_STRIDE as usize / 4), 0);
         }
@@ -142,15 +160,21 @@ impl Kernel {
             .create_command_encoder(&CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            for turn in 0..generations.len() as u32 {
-                pass.set_bind_group(0, &group.bindings, &[turn * RUN_STRIDE as u32]);
+            for turn in 0..part.generations.len() as u32 {
+                let bindings = &group.bindings[(part.at + turn as usize) % 2];
+                pass.set_bind_group(0, bindings, &[turn * RUN_STRIDE as u32]);
                 for step in steps {
-                    pass.set_pipeline(match step {
-                        Step::Attempt => &self.attempt,
-                        Step::Settle => &self.settle,
-                        Step::Score => &self.score,
-                    });
-                    pass.dispatch_workgroups(columns, count.div_ceil(columns), 1);
+                    let (pipeline, workgroups) = match step {
+                        Step::Attempt => (&self.attempt, count),
+                        Step::Settle => (&self.settle, count.div_ceil(ISLAND as u32)),
+                        Step::Score => (&self.score, count),
+                    };
+                    pass.set_pipeline(pipeline);
+                    pass.dispatch_workgroups(
+                        columns.min(workgroups),
+                        workgroups.div_ceil(columns),
+                        1,
+                    );
                 }
             }
         }
@@ -160,13 +184,14 @@ impl Kernel {
 }
 
 /// The bindings of `anneal.wgsl` and the pieces it is composed with.
-fn layout(device: &Device) -> BindGroupLayout {
+fn layout(device: &Device, window: bool) -> BindGroupLayout {
     let entry = |binding| BindGroupLayoutEntry {
         binding,
         visibility: ShaderStages::COMPUTE,
         ty: BindingType::Buffer {
             ty: match binding {
                 0 => BufferBindingType::Uniform,
+                1 if window => BufferBindingType::Uniform,
                 1..=4 => BufferBindingType::Storage { read_only: true },
                 _ => BufferBindingType::Storage { read_only: false },
             },
@@ -179,6 +204,6 @@ fn layout(device: &Device) -> BindGroupLayout {
         .device
         .create_bind_group_layout(&BindGroupLayoutDescriptor {
             label: Some("group"),
-            entries: &(0..8).map(entry).collect::<Vec<_>>(),
+            entries: &(0..7).map(entry).collect::<Vec<_>>(),
         })
 }

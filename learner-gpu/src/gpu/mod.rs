@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 pub use adapter::{Adapter, AdapterKind, Which, adapters};
 pub use error::GpuError;
 
-use self::kernel::{Kernel, MOST_GENERATIONS, Step};
+use self::kernel::{Kernel, MOST_GENERATIONS, Part, Step, WINDOW};
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
@@ -39,6 +39,8 @@ pub struct Gpu {
     device: Device,
     kernel: Kernel,
     groups: Vec<Group>,
+    /// Which of its two buffers each group's population is in.
+    at: usize,
     genes: usize,
     /// No buffer is larger, bytes.
     limit: u64,
@@ -76,11 +78,17 @@ impl Gpu {
             .min(limits.max_buffer_size);
 
         let began = Instant::now();
-        let kernel = Kernel::new(&device, &motions.structure, problem)?;
+        // For lavapipe. A real GPU gains nothing, and runs one large group faster than several.
+        let window = device.adapter.kind == AdapterKind::Software
+            && motions.most_data(problem) <= WINDOW
+            && limits.max_uniform_buffer_binding_size >= WINDOW
+            && limit >= WINDOW;
+        let kernel = Kernel::new(&device, &motions.structure, problem, window)?;
         let mut gpu = Gpu {
             device,
             kernel,
             groups: Vec::new(),
+            at: 0,
             genes: problem.genes(),
             limit,
             pace: Pace::new(),
@@ -91,7 +99,13 @@ impl Gpu {
         gpu.fill(problem, &motions, islands)?;
         if let Some(group) = gpu.groups.first() {
             // Drivers compile at the first dispatch: an attempt that is never settled gets that over with.
-            gpu.run(group, 0..1, 0..1, 0..1, &[Step::Attempt])?;
+            let part = Part {
+                islands: 0..1,
+                generations: 0..1,
+                motions: 0..1,
+                at: gpu.at,
+            };
+            gpu.run(group, part, &[Step::Attempt])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
@@ -115,7 +129,7 @@ impl Gpu {
     ) -> Result<(), GpuError> {
         self.groups = Group::all(
             &self.device,
-            &self.kernel.layout,
+            &self.kernel,
             problem,
             motions,
             islands,
@@ -127,9 +141,16 @@ impl Gpu {
         let most_frames = most_frames(problem.settings.stepper) as u64;
         self.most_motions = (most_frames / (self.longest + 1)).max(1) as u32;
         for group in &self.groups {
-            // Nothing was tried yet, so this only sums up.
-            self.run(group, 0..group.islands.len(), 0..1, 0..1, &[Step::Settle])?;
+            // As if the population had just come out of a generation.
+            let part = Part {
+                islands: 0..group.islands.len(),
+                generations: 0..1,
+                motions: 0..1,
+                at: 1,
+            };
+            self.run(group, part, &[Step::Settle])?;
         }
+        self.at = 0;
         Ok(())
     }
 
@@ -156,6 +177,7 @@ impl Gpu {
             let generations = self.pace.generations(ticks).min(MOST_GENERATIONS);
             let next = to.min(at.saturating_add(generations));
             self.everywhere(at..next, &[Step::Attempt, Step::Settle])?;
+            self.at = (self.at + (next - at) as usize) % 2;
             at = next;
         }
         Ok(at)
@@ -166,7 +188,7 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn islands(&mut self) -> Result<Vec<Island>, GpuError> {
-        self.gathered(|group| group.read(&self.device, self.genes))
+        self.gathered(|group| group.read(&self.device, self.genes, self.at))
     }
 
     /// Of each island, the best score ever and the members' mean score, metres: less to read back than
@@ -175,7 +197,7 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn summary(&mut self) -> Result<Vec<(f32, f32)>, GpuError> {
-        self.gathered(|group| group.summaries(&self.device))
+        self.gathered(|group| group.summaries(&self.device, self.genes))
     }
 
     /// Scores the members as they are, and changes nothing: of each island, its members' scores in metres.
@@ -184,7 +206,7 @@ impl Gpu {
     /// The device is lost, or refuses.
     pub fn scores(&mut self) -> Result<Vec<Vec<f32>>, GpuError> {
         self.everywhere(0..1, &[Step::Score])?;
-        self.gathered(|group| group.scores(&self.device, self.genes))
+        self.gathered(|group| group.scores(&self.device, self.genes, self.at))
     }
 
     /// Runs these steps for these generations on all islands, as many at once as the pace allows. Where one island's
@@ -198,27 +220,36 @@ impl Gpu {
                 first += count;
                 let ticks: u64 = left.iter().take(count).sum();
                 let a_motion = self.longest * (count * ISLAND) as u64;
-                let part = self.most_motions.min(self.pace.motions(a_motion));
-                if part >= group.most_motions {
+                let at_once = self.most_motions.min(self.pace.motions(a_motion));
+                let all = Part {
+                    islands,
+                    generations: generations.clone(),
+                    motions: 0..group.most_motions,
+                    at: self.at,
+                };
+                if at_once >= group.most_motions {
                     let began = Instant::now();
-                    let motions = 0..group.most_motions;
-                    self.run(group, islands, generations.clone(), motions, steps)?;
+                    self.run(group, all, steps)?;
                     self.pace
                         .measured(ticks * generations.len() as u64, began.elapsed());
                     continue;
                 }
-                for generation in generations.clone() {
-                    let generation = generation..generation + 1;
-                    for begin in (0..group.most_motions).step_by(part as usize) {
-                        let end = group.most_motions.min(begin + part);
+                for (turn, generation) in generations.clone().enumerate() {
+                    for begin in (0..group.most_motions).step_by(at_once as usize) {
+                        let end = group.most_motions.min(begin + at_once);
                         // What comes after scoring comes once.
                         let steps = match end == group.most_motions {
                             true => steps,
                             false => &steps[..1],
                         };
+                        let part = Part {
+                            generations: generation..generation + 1,
+                            motions: begin..end,
+                            at: self.at + turn,
+                            ..all.clone()
+                        };
                         let began = Instant::now();
-                        let islands = islands.clone();
-                        self.run(group, islands, generation.clone(), begin..end, steps)?;
+                        self.run(group, part, steps)?;
                         let share = u64::from(end - begin) * ticks / u64::from(group.most_motions);
                         self.pace.measured(share, began.elapsed());
                     }
@@ -228,16 +259,8 @@ impl Gpu {
         Ok(())
     }
 
-    fn run(
-        &self,
-        group: &Group,
-        islands: Range<usize>,
-        generations: Range<u32>,
-        motions: Range<u32>,
-        steps: &[Step],
-    ) -> Result<(), GpuError> {
-        self.kernel
-            .run(&self.device, group, islands, generations, motions, steps)
+    fn run(&self, group: &Group, part: Part, steps: &[Step]) -> Result<(), GpuError> {
+        self.kernel.run(&self.device, group, part, steps)
     }
 
     fn gathered<T>(

@@ -29,10 +29,8 @@ pub(super) struct Motions {
 
 /// One motion.
 pub(super) struct Motion {
-    /// Its row of numbers.
-    pub numbers: Vec<u32>,
-    /// Its recorded frames, as the kernel has them.
-    pub recorded: Vec<u32>,
+    /// Its own numbers and its recorded frames, as the kernel has them.
+    pub data: Vec<u32>,
     /// How many frames that are.
     pub frames: u32,
 }
@@ -45,6 +43,15 @@ impl Motions {
     pub fn new(problem: &Problem) -> Result<Self, GpuError> {
         let dofs = problem.dofs();
         with_dofs!(dofs, N => Self::sized::<N>(problem), else Err(TaskError::Dofs { found: dofs }.into()))
+    }
+
+    /// Bytes that the motions of a set take, at most.
+    pub fn most_data(&self, problem: &Problem) -> u64 {
+        let bytes = |set: &Vec<usize>| {
+            let motions = set.iter().filter_map(|&task| self.each.get(task));
+            motions.map(|motion| motion.data.len() as u64 * 4).sum()
+        };
+        problem.sets.iter().map(bytes).max().unwrap_or(0)
     }
 
     fn sized<const N: usize>(problem: &Problem) -> Result<Self, GpuError> {
@@ -108,11 +115,9 @@ impl Motion {
             structure.frame(&points)
         };
         Ok(Motion {
-            numbers: numbers.into_iter().map(f32::to_bits).collect(),
-            recorded: task
-                .reference
-                .iter()
-                .flat_map(frame)
+            data: numbers
+                .into_iter()
+                .chain(task.reference.iter().flat_map(frame))
                 .map(f32::to_bits)
                 .collect(),
             frames: task.reference.len() as u32,

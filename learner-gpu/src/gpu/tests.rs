@@ -255,7 +255,8 @@ fn a_population_in_several_groups_and_rows_of_workgroups_ends_with_the_same_bits
     let mut problem = problem(human(3), StepperKind::Transpose, ModelKind::C, false);
     problem.sets = vec![vec![0, 1], vec![2], vec![1]];
     problem.islands = 3;
-    // Room for a little more than two islands in a buffer.
+    // Room for a little more than two islands in a buffer, and for no window: the data are in a storage buffer, those of
+    // the whole in a uniform one where the device is the CPU.
     let mut split = Gpu::within(&problem, &fresh(&problem), Which::Best, 7_000).unwrap();
     assert_eq!(split.groups.len(), 5);
     split.kernel.columns = 1;
@@ -464,12 +465,18 @@ fn a_thousand_motions_of_200_frames_run_in_default_limits() {
     let mut problem = problem(tasks, StepperKind::Transpose, ModelKind::C, false);
     problem.islands = 1;
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    let software = gpu.adapter().kind == AdapterKind::Software;
+    assert_eq!(
+        (gpu.kernel.window, gpu.groups.len() > 1),
+        (software, software)
+    );
     gpu.advance(0, 1, &never()).unwrap();
     same_scores(&mut gpu, &problem, &[0, 1, 500, 999]);
 
-    // One vector for all of them: more frames than a thread may run in a dispatch.
+    // One vector for all of them: more frames than a thread may run in a dispatch, and than fit a window.
     problem.sets = vec![(0..1000).collect()];
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
+    assert!(!gpu.kernel.window);
     gpu.advance(0, 1, &never()).unwrap();
     same_scores(&mut gpu, &problem, &[0]);
 }
@@ -506,15 +513,15 @@ fn a_motion_too_long_for_a_dispatch_is_refused() {
     ));
 }
 
-/// Runs `probe`, which reads and writes the words of `data`, with the kernel's functions at hand.
-fn probed(probe: &str, data: &[u32]) -> Vec<u32> {
+/// Runs `probe`, which reads and writes these words, with the kernel's functions at hand.
+fn probed(probe: &str, words: &[u32]) -> Vec<u32> {
     let problem = problem(human(1), StepperKind::Transpose, ModelKind::C, false);
     let motions = Motions::new(&problem).unwrap();
     let device = Device::open(&Which::Best).unwrap();
-    let kernel = compose(&motions.structure).unwrap().source;
+    let kernel = compose(&motions.structure, None).unwrap().source;
     let source = format!(
         "{kernel}
-        @group(0) @binding(8) var<storage, read_write> data: array<u32>;
+        @group(0) @binding(8) var<storage, read_write> words: array<u32>;
         @compute @workgroup_size(64)
         fn probe(@builtin(global_invocation_id) at: vec3u) {{ {probe} }}"
     );
@@ -532,8 +539,8 @@ fn probed(probe: &str, data: &[u32]) -> Vec<u32> {
             compilation_options: PipelineCompilationOptions::default(),
             cache: None,
         });
-    let buffer = device.storage("data", data.len());
-    device.write(&buffer, data);
+    let buffer = device.storage("words", words.len());
+    device.write(&buffer, words);
     let run = device.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: kernel::RUN_BYTES,
@@ -567,7 +574,7 @@ fn probed(probe: &str, data: &[u32]) -> Vec<u32> {
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
         pass.set_pipeline(&pipeline);
         pass.set_bind_group(0, &bindings, &[]);
-        pass.dispatch_workgroups((data.len() / 4 / 64) as u32, 1, 1);
+        pass.dispatch_workgroups((words.len() / 4 / 64) as u32, 1, 1);
     }
     device.queue.submit([encoder.finish()]);
     device.wait().unwrap();
@@ -585,8 +592,8 @@ fn philox_draws_the_same_bits() {
     }
     let drawn = probed(
         "let i = 4u * at.x;
-        let draw = philox(vec4u(data[i], data[i + 1u], data[i + 2u], data[i + 3u]), vec2u(7u, 0xdeadbeefu));
-        for (var k = 0u; k < 4u; k++) { data[i + k] = draw[k]; }",
+        let draw = philox(vec4u(words[i], words[i + 1u], words[i + 2u], words[i + 3u]), vec2u(7u, 0xdeadbeefu));
+        for (var k = 0u; k < 4u; k++) { words[i + k] = draw[k]; }",
         &data,
     );
     for (counter, draw) in data.chunks_exact(4).zip(drawn.chunks_exact(4)) {
@@ -615,10 +622,10 @@ fn sine_cosine_and_exponential_are_the_cores() {
     }
     let found = probed(
         "let i = 4u * at.x;
-        let turn = sin_cos_within(bitcast<f32>(data[i]));
-        data[i] = bitcast<u32>(turn.sin);
-        data[i + 1u] = bitcast<u32>(turn.cos);
-        data[i + 2u] = bitcast<u32>(exponential(bitcast<f32>(data[i + 2u])));",
+        let turn = sin_cos_within(bitcast<f32>(words[i]));
+        words[i] = bitcast<u32>(turn.sin);
+        words[i + 1u] = bitcast<u32>(turn.cos);
+        words[i + 2u] = bitcast<u32>(exponential(bitcast<f32>(words[i + 2u])));",
         &data,
     );
     let (mut other_bits, mut worst) = (0, 0.0f32);

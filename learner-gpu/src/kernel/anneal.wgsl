@@ -1,9 +1,9 @@
 // A generation of one island: propose, score, accept (SPEC section 6). Mirror of anneal.rs.
 //
-// A workgroup is an island and a thread a member. A generation is two dispatches: `attempt` proposes, scores and
-// decides, and changes nothing that another member may still look at; `settle` carries out what was decided. With a
-// barrier between the two in one dispatch lavapipe takes twice as long: it keeps all that lives across a barrier in
-// memory, the whole time.
+// A generation is two dispatches. `attempt`, of a workgroup for each island and a thread for each member, proposes,
+// scores, decides, and writes the members to where the next generation looks for them: what another member may still
+// look at stays. `settle`, of a thread for each island, sums up. With a barrier between the two in one dispatch lavapipe
+// takes twice as long: it keeps all that lives across a barrier in memory, the whole time.
 
 /// The score of a member that has none yet.
 const UNSCORED = 1e30;
@@ -37,11 +37,10 @@ struct Place {
     motions: u32,
 }
 
-/// An island's members, and the genes of its best ever.
-struct Island {
-    genes: array<array<u32, ${island}>, ${genes}>,
-    scores: array<f32, ${island}>,
-    best: Genes,
+/// An island's members.
+struct Members {
+    genes: array<array<vec4u, ${island}>, ${gene_fours}>,
+    scores: array<vec4f, ${island // 4}>,
 }
 
 /// What is known of an island as a whole, as the generation begins.
@@ -53,20 +52,16 @@ struct Summary {
     temperature: f32,
     /// The member with the least score.
     best: u32,
-}
-
-/// What an island's members try.
-struct Tried {
-    genes: array<array<u32, ${island}>, ${genes}>,
-    scores: array<f32, ${island}>,
-    accepted: array<u32, ${island}>,
+    /// The genes of the best ever.
+    best_genes: Genes,
 }
 
 @group(0) @binding(0) var<uniform> run: Run;
-@group(0) @binding(4) var<storage, read> places: array<Place>;
-@group(0) @binding(5) var<storage, read_write> islands: array<Island>;
+@group(0) @binding(3) var<storage, read> places: array<Place>;
+/// The islands as the generation begins, and as the next one does.
+@group(0) @binding(4) var<storage, read> members: array<Members>;
+@group(0) @binding(5) var<storage, read_write> next: array<Members>;
 @group(0) @binding(6) var<storage, read_write> summaries: array<Summary>;
-@group(0) @binding(7) var<storage, read_write> tried: array<Tried>;
 
 /// The island that this workgroup is, counted from the dispatch's first; too large in the last row's rest.
 fn number(workgroup: vec3u) -> u32 {
@@ -88,7 +83,7 @@ fn is_last(place: Place) -> bool {
 fn score(place: Place, genes: Genes, before: f32) -> f32 {
     let parameters = Parameters(
         //% for bound in bounds
-        parameter(genes[${loop.index0}], ${bound[0]}, ${bound[1]}),
+        parameter(genes[${loop.index0 // 4}][${loop.index0 % 4}], ${bound[0]}, ${bound[1]}),
         //% endfor
     );
     var sum = before;
@@ -112,93 +107,66 @@ fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     }
     let draws = Draws(run.seed, place.set_number, place.island * ISLAND + me, run.generation);
     let own = block(draws, 0u);
-    var proposed: Genes;
+    var genes: Genes;
     var before = 0.0;
     if run.first_motion > 0u {
-        //% for k in range(genes)
-        proposed[${k}] = tried[which].genes[${k}][me];
+        // What earlier dispatches scored a part of.
+        //% for four in range(gene_fours)
+        genes[${four}] = next[which].genes[${four}][me];
         //% endfor
-        before = tried[which].scores[me];
+        before = next[which].scores[me / 4u][me % 4u];
     } else if run.generation == 0u {
-        proposed = first(draws);
+        genes = first(draws);
     } else {
-        proposed = propose(draws, own, which, me, summaries[which].best);
+        genes = propose(draws, own, which, me, summaries[which].best);
     }
-    let new_score = score(place, proposed, before);
-    // Of a part it means nothing, and the last part decides again.
-    let accepted = accepts(islands[which].scores[me], new_score, summaries[which].temperature, own[2]);
-    //% for k in range(genes)
-    tried[which].genes[${k}][me] = proposed[${k}];
+    var new_score = score(place, genes, before);
+    let current = members[which].scores[me / 4u][me % 4u];
+    if is_last(place) & !accepts(current, new_score, summaries[which].temperature, own[2]) {
+        new_score = current;
+        //% for four in range(gene_fours)
+        genes[${four}] = members[which].genes[${four}][me];
+        //% endfor
+    }
+    next[which].scores[me / 4u][me % 4u] = new_score;
+    //% for four in range(gene_fours)
+    next[which].genes[${four}][me] = genes[${four}];
     //% endfor
-    tried[which].scores[me] = new_score;
-    tried[which].accepted[me] = u32(accepted);
 }
 
-/// The scores after and in the generation, for one thread to look at all of them.
-var<workgroup> scores: array<f32, ${island}>;
-var<workgroup> new_scores: array<f32, ${island}>;
-
-/// Carries out what was decided, keeps the best ever, and sums up the island for the next generation.
+/// Sums an island up for the next generation: the best ever, the member with the least score (of those as good as each
+/// other, the first), the mean, and the temperature: the mean less the least, over the number of parameters.
 @compute @workgroup_size(${island})
 fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
-    if number(workgroup) >= run.islands {
+    let island = number(workgroup) * ISLAND + me;
+    if island >= run.islands {
         return;
     }
-    let which = run.first_island + number(workgroup);
-    let accepted = tried[which].accepted[me] != 0u;
-    // What is better than all before was accepted, so the rest need not be looked at.
-    new_scores[me] = select(UNSCORED, tried[which].scores[me], accepted);
-    if accepted {
-        islands[which].scores[me] = new_scores[me];
-        //% for k in range(genes)
-        islands[which].genes[${k}][me] = tried[which].genes[${k}][me];
-        //% endfor
-    }
-    scores[me] = islands[which].scores[me];
-    workgroupBarrier();
-    if me == 0u {
-        record(which);
-        sum_up(which);
-    }
-}
-
-/// Keeps the best ever: of members as good as each other, the first.
-fn record(which: u32) {
-    var best_score = summaries[which].best_score;
-    var winner = ISLAND;
-    for (var member = 0u; member < ISLAND; member++) {
-        let this_score = new_scores[member];
-        if this_score < best_score {
-            best_score = this_score;
-            winner = member;
-        }
-    }
-    if winner < ISLAND {
-        summaries[which].best_score = best_score;
-        //% for k in range(genes)
-        islands[which].best[${k}] = tried[which].genes[${k}][winner];
-        //% endfor
-    }
-}
-
-/// The member with the least score, the mean, and the temperature: the mean less the least, over the number of
-/// parameters.
-fn sum_up(which: u32) {
+    let which = run.first_island + island;
     var best = 0u;
     var least_score = UNSCORED;
     var sum = 0.0;
-    for (var member = 0u; member < ISLAND; member++) {
-        let this_score = scores[member];
-        sum = sum + this_score;
-        if this_score < least_score {
-            least_score = this_score;
-            best = member;
+    for (var four = 0u; four < ISLAND / 4u; four++) {
+        let scores = next[which].scores[four];
+        //% for lane in range(4)
+        sum = sum + scores[${lane}];
+        if scores[${lane}] < least_score {
+            least_score = scores[${lane}];
+            best = 4u * four + ${lane}u;
         }
+        //% endfor
     }
     let mean = sum / f32(ISLAND);
     summaries[which].mean = mean;
     summaries[which].temperature = (mean - least_score) / ${genes}.0;
     summaries[which].best = best;
+    // Better than all before is none but what was accepted just now.
+    if least_score < summaries[which].best_score {
+        summaries[which].best_score = least_score;
+        //% for four in range(gene_fours)
+        summaries[which].best_genes[${four}] = next[which].genes[${four}][best];
+        //% endfor
+    }
 }
 
 /// Scores the members as they are, and changes nothing of them.
@@ -213,9 +181,12 @@ fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
         return;
     }
     var genes: Genes;
-    //% for k in range(genes)
-    genes[${k}] = islands[which].genes[${k}][me];
+    //% for four in range(gene_fours)
+    genes[${four}] = members[which].genes[${four}][me];
     //% endfor
-    let before = select(0.0, tried[which].scores[me], run.first_motion > 0u);
-    tried[which].scores[me] = score(place, genes, before);
+    var before = 0.0;
+    if run.first_motion > 0u {
+        before = next[which].scores[me / 4u][me % 4u];
+    }
+    next[which].scores[me / 4u][me % 4u] = score(place, genes, before);
 }

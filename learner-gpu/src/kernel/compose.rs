@@ -6,8 +6,7 @@
 //! in the hot path (measured on lavapipe: 1.5 to 10 times faster than loops over arrays).
 //!
 //! The arm's *structure* is written into the code: which axis each DoF moves about, which of its offsets are not zero,
-//! whether a fixed turn is left. Its *numbers*, which differ from motion to motion, are read from a buffer, one row a
-//! motion.
+//! whether a fixed turn is left. Its *numbers*, which differ from motion to motion, are read from a buffer.
 //!
 //! The build script includes this file too, so it knows of nothing but the core and the proposals' constants.
 
@@ -39,15 +38,16 @@ pub struct Structure {
     landmarks: Vec<usize>,
     /// Landmarks and the tip.
     points: usize,
-    /// Fours of numbers that they take.
-    fours: usize,
+    /// Fours of numbers that a recorded frame takes.
+    frame_fours: usize,
     /// Whether ticks keep within the joint limits.
     clamped: bool,
     /// The bounds of each parameter, as WGSL.
     bounds: Vec<(String, String)>,
-    /// The layout of a motion's row of numbers.
+    /// The layout of a motion's own numbers.
     numbers: Vec<Number>,
-    numbers_a_motion: usize,
+    /// Fours that they take.
+    arm_fours: usize,
 }
 
 /// A DoF.
@@ -69,12 +69,13 @@ struct Link {
     upper: String,
 }
 
-/// A number, or three, in a motion's row.
+/// A number, or three, of a motion's own.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Number {
     name: String,
     r#type: &'static str,
     at: usize,
+    count: usize,
 }
 
 /// How a member moves the arm: what is not the arm's own.
@@ -167,10 +168,16 @@ impl Structure {
         let mut at = 0;
         for (name, values) in structure.row(first, &[0.0; N], [0.0; 3]) {
             let r#type = if values.len() == 1 { "f32" } else { "vec3f" };
-            structure.numbers.push(Number { name, r#type, at });
-            at += values.len();
+            let count = values.len();
+            structure.numbers.push(Number {
+                name,
+                r#type,
+                at,
+                count,
+            });
+            at += count;
         }
-        structure.numbers_a_motion = at;
+        structure.arm_fours = at.div_ceil(4);
         Ok(structure)
     }
 
@@ -224,12 +231,12 @@ impl Structure {
             links: chain.links().iter().enumerate().map(link).collect(),
             tip: components(&chain.tip_transform().1),
             points: landmarks.len() + 1,
-            fours: (3 * (landmarks.len() + 1)).div_ceil(4),
+            frame_fours: (3 * (landmarks.len() + 1)).div_ceil(4),
             landmarks,
             clamped: method.clamped,
             bounds: (0..genes).map(bound).collect(),
             numbers: Vec::new(),
-            numbers_a_motion: 0,
+            arm_fours: 0,
         }
     }
 
@@ -246,7 +253,7 @@ impl Structure {
         *self == other
     }
 
-    /// A motion's numbers, by name.
+    /// A motion's own numbers, by name.
     fn row<const N: usize>(
         &self,
         chain: &Chain<f32, N>,
@@ -292,17 +299,18 @@ impl Structure {
         row
     }
 
-    /// A motion's row of the buffer `numbers`. The chain must be one that the structure was made from.
+    /// A motion's own numbers as the buffer `data` has them: whole fours. The chain must be one that the structure was
+    /// made from.
     pub fn numbers<const N: usize>(
         &self,
         chain: &Chain<f32, N>,
         initial: &[f32; N],
         target: [f32; 3],
     ) -> Vec<f32> {
-        self.row(chain, initial, target)
-            .into_iter()
-            .flat_map(|(_, values)| values)
-            .collect()
+        let row = self.row(chain, initial, target).into_iter();
+        let mut numbers: Vec<f32> = row.flat_map(|(_, values)| values).collect();
+        numbers.resize(4 * self.arm_fours, 0.0);
+        numbers
     }
 
     /// How many points a frame has: landmarks and the tip.
@@ -310,10 +318,15 @@ impl Structure {
         self.points
     }
 
-    /// A recorded frame as the buffer `recorded` has it: whole fours.
+    /// Fours that a member's genes take.
+    pub fn gene_fours(&self) -> usize {
+        self.genes.div_ceil(4)
+    }
+
+    /// A recorded frame as the buffer `data` has it: whole fours.
     pub fn frame(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut frame: Vec<f32> = points.iter().flatten().copied().collect();
-        frame.resize(4 * self.fours, 0.0);
+        frame.resize(4 * self.frame_fours, 0.0);
         frame
     }
 }
@@ -410,21 +423,22 @@ impl Composed {
     }
 }
 
-/// The whole kernel of a structure.
+/// The whole kernel of a structure. With a window, `data` is a uniform buffer of so many fours, else a storage buffer.
 ///
 /// # Errors
 /// A piece that is not a valid template.
-pub fn compose(structure: &Structure) -> Result<Composed, ComposeError> {
+pub fn compose(structure: &Structure, window: Option<usize>) -> Result<Composed, ComposeError> {
     let pieces: Vec<_> = ALWAYS
         .iter()
         .chain(stepper_pieces(structure.stepper))
         .copied()
         .collect();
-    render(structure, &pieces)
+    render(structure, window, &pieces)
 }
 
 fn render(
     structure: &Structure,
+    window: Option<usize>,
     pieces: &[(&'static str, &'static str)],
 ) -> Result<Composed, ComposeError> {
     let mut templates = Environment::new();
@@ -438,6 +452,8 @@ fn render(
     templates.set_keep_trailing_newline(true);
     let about = context! {
         island => ISLAND,
+        window,
+        gene_fours => structure.gene_fours(),
         gene => GENE,
         step => (0..=structure.genes).map(step).collect::<Vec<_>>(),
         ..minijinja::Value::from_serialize(structure)

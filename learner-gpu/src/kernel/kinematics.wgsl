@@ -3,8 +3,16 @@
 alias Joints = array<f32, ${dofs}>;
 alias Jacobian = array<vec3f, ${dofs}>;
 
-/// Numbers of every motion's own arm and task, in one row of `numbers` a motion.
-@group(0) @binding(1) var<storage, read> numbers: array<f32>;
+/// Motion after motion: the numbers of its arm and task, then its recorded frames, each a whole number of fours.
+///
+/// Read by fours: on lavapipe half of a tick's time went into reading them one by one. A uniform buffer, where they fit
+/// in one and the device is the CPU: lavapipe looks numbers up in a storage buffer in a loop over its eight lanes, which
+/// took two fifths of a tick, and in a uniform one without.
+//% if window
+@group(0) @binding(1) var<uniform> data: array<vec4f, ${window}>;
+//% else
+@group(0) @binding(1) var<storage, read> data: array<vec4f>;
+//% endif
 
 /// What differs from motion to motion: lengths, fixed turns, limits, first posture and target.
 struct Arm {
@@ -13,15 +21,18 @@ struct Arm {
     //% endfor
 }
 
-fn arm_of(motion: u32) -> Arm {
-    let at = motion * ${numbers_a_motion}u;
+/// The arm of the motion whose data begin there.
+fn arm_of(at: u32) -> Arm {
+    //% for four in range(arm_fours)
+    let four_${four} = data[at + ${four}u];
+    //% endfor
     return Arm(
         //% for number in numbers
-        //% if number.type == "f32"
-        numbers[at + ${number.at}u],
-        //% else
-        vec3f(numbers[at + ${number.at}u], numbers[at + ${number.at + 1}u], numbers[at + ${number.at + 2}u]),
-        //% endif
+        ${number.type}(
+            //% for k in range(number.at, number.at + number.count)
+            four_${k // 4}[${k % 4}],
+            //% endfor
+        ),
         //% endfor
     );
 }

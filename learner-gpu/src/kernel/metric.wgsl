@@ -1,13 +1,10 @@
 // The distance between two postures (SPEC section 4). Mirror of `Kinematics::distance` in core/src/kinematics.rs.
 
-/// The recorded landmarks, metres: x, y, z of each, then nothing up to a whole number of fours, frame after frame. Read
-/// by fours: on lavapipe half of a tick's time went into reading them one by one.
-@group(0) @binding(2) var<storage, read> recorded: array<vec4f>;
-
-/// The mean distance of the landmarks from those of a recorded frame, metres.
+/// The mean distance of the landmarks from those of the recorded frame that begins there in `data`, metres: x, y, z of
+/// each.
 fn posture_distance(at: Kinematics, frame: u32) -> f32 {
-    //% for four in range(fours)
-    let four_${four} = recorded[frame * ${fours}u + ${four}u];
+    //% for four in range(frame_fours)
+    let four_${four} = data[frame + ${four}u];
     //% endfor
     var sum = 0.0;
     //% for k in range(points)

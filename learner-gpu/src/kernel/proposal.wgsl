@@ -6,7 +6,8 @@ const ISLAND = ${island}u;
 /// A gene at its upper bound.
 const GENE = ${gene}u;
 
-alias Genes = array<u32, ${genes}>;
+/// A member's genes by fours, the last of which may have some that nothing reads.
+alias Genes = array<vec4u, ${gene_fours}>;
 
 /// What the draws of one member in one generation depend on.
 struct Draws {
@@ -33,23 +34,22 @@ const STEP = array<i32, ${genes + 1}>(
 
 /// A member's genes in generation 0: uniform in the bounds.
 fn first(draws: Draws) -> Genes {
-    var out: Genes;
-    //% for four in range((genes + 3) // 4)
-    {
-        let draw = block(draws, ${1 + four}u);
-        //% for lane in range(4)
-        //% if 4 * four + lane < genes
-        out[${4 * four + lane}] = draw[${lane}] >> 8u;
-        //% endif
+    return Genes(
+        //% for four in range(gene_fours)
+        block(draws, ${1 + four}u) >> vec4u(8u),
         //% endfor
-    }
-    //% endfor
-    return out;
+    );
 }
 
-/// Whether a gene takes part, by its noise; one is sure to.
-fn takes_part(k: u32, noise: u32, share: u32, sure: u32) -> bool {
-    return ((noise & 255u) < share) | (k == sure);
+/// Whether four genes, of which this is the first, take part, by their noise; one is sure to.
+fn take_part(first: u32, noise: vec4u, share: u32, sure: u32) -> vec4<bool> {
+    return ((noise & vec4u(255u)) < vec4u(share)) | (vec4u(first, first + 1u, first + 2u, first + 3u) == vec4u(sure));
+}
+
+/// x / 2^bits, rounded towards 0. No division: lavapipe does those one by one.
+fn without_last_bits(x: vec4i, bits: u32) -> vec4i {
+    let below = vec4i((1i << bits) - 1i);
+    return (x + ((x >> vec4u(31u)) & below)) >> vec4u(bits);
 }
 
 /// A member's genes to be tried in a later generation: `which` is its island, `me` its place there, `best` that of the
@@ -68,38 +68,36 @@ fn propose(draws: Draws, own: vec4u, which: u32, me: u32, best: u32) -> Genes {
     let share = min(64u << ((own[1] >> 5u) & 3u), 256u);
     let jitter = 1u + (own[1] >> 7u) % 22u;
 
-    var noise: Genes;
-    //% for four in range((genes + 3) // 4)
-    {
-        let draw = block(draws, ${1 + four}u);
-        //% for lane in range(4)
-        //% if 4 * four + lane < genes
-        noise[${4 * four + lane}] = draw[${lane}];
-        //% endif
-        //% endfor
-    }
-    //% endfor
     // At least one gene takes part.
     let sure = own[3] % ${genes}u;
     var count = 0u;
-    //% for k in range(genes)
-    count = count + u32(takes_part(${k}u, noise[${k}], share, sure));
+    //% for four in range(gene_fours)
+    let noise_${four} = block(draws, ${1 + four}u);
+    let part_${four} = take_part(${4 * four}u, noise_${four}, share, sure);
+    //% for k in range(4 * four, [4 * four + 4, genes] | min)
+    count = count + u32(part_${four}[${k % 4}]);
+    //% endfor
     //% endfor
     var steps = STEP;
     let step = select(steps[count], 64i, leap & (kind < 2u));
 
     var out: Genes;
-    //% for k in range(genes)
+    //% for four in range(gene_fours)
     {
-        let x = i32(islands[which].genes[${k}][me]);
-        let difference = (i32(islands[which].genes[${k}][a]) - i32(islands[which].genes[${k}][b])) * step / 64i;
+        let x = vec4i(members[which].genes[${four}][me]);
         // A uniform draw in ±2²³.
-        let uniform = i32(noise[${k}] >> 8u) - (1i << 23u);
-        let towards = difference + (i32(islands[which].genes[${k}][best]) - x) * 32i / 64i;
-        var delta = select(uniform / (1i << jitter), towards, kind == 2u);
-        delta = select(delta, difference + uniform / (1i << 19u), kind < 2u);
-        let moved = clamp(x + delta, 0i, i32(GENE));
-        out[${k}] = u32(select(x, moved, takes_part(${k}u, noise[${k}], share, sure)));
+        let uniform = vec4i(noise_${four} >> vec4u(8u)) - vec4i(1i << 23u);
+        var delta = without_last_bits(uniform, select(jitter, 19u, kind < 2u));
+        // Threads that need no other member do not wait for one.
+        if kind < 3u {
+            let difference = vec4i(members[which].genes[${four}][a]) - vec4i(members[which].genes[${four}][b]);
+            delta = select(vec4i(0i), delta, kind < 2u) + without_last_bits(difference * step, 6u);
+        }
+        if kind == 2u {
+            delta = delta + without_last_bits((vec4i(members[which].genes[${four}][best]) - x) * 32i, 6u);
+        }
+        let moved = clamp(x + delta, vec4i(0i), vec4i(i32(GENE)));
+        out[${four}] = vec4u(select(x, moved, part_${four}));
     }
     //% endfor
     return out;

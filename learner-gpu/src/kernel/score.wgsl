@@ -2,19 +2,22 @@
 
 /// One motion of a set.
 struct Motion {
-    /// Its row in `numbers`.
-    numbers: u32,
-    /// Where its frames begin in `recorded`, in frames.
-    first_frame: u32,
+    /// Where it begins in `data`.
+    at: u32,
     frames: u32,
 }
 
+/// Where a frame of it begins in `data`.
+fn recorded(motion: Motion, frame: u32) -> u32 {
+    return motion.at + ${arm_fours}u + frame * ${frame_fours}u;
+}
+
 /// The motions, set after set.
-@group(0) @binding(3) var<storage, read> motions: array<Motion>;
+@group(0) @binding(2) var<storage, read> motions: array<Motion>;
 
 /// The mean distance in metres between the recording and the motion synthesised with these parameters.
 fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
-    let arm = arm_of(motion.numbers);
+    let arm = arm_of(motion.at);
     var q = start(arm);
     var sum = 0.0;
     var frame = 0u;
@@ -26,7 +29,7 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
         var easy = true;
         while easy & (frame < motion.frames) {
             let at = forward(arm, q);
-            sum = sum + posture_distance(at, motion.first_frame + frame);
+            sum = sum + posture_distance(at, recorded(motion, frame));
             let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
             easy = optimised.easy | (frame + 1u == motion.frames);
             if easy {
@@ -41,7 +44,7 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
     //% else
     while frame < motion.frames {
         let at = forward(arm, q);
-        sum = sum + posture_distance(at, motion.first_frame + frame);
+        sum = sum + posture_distance(at, recorded(motion, frame));
         q = tick(arm, parameters, q, optimise(columns(at), arm.target_at - at.tip, run.gain), frame);
         frame++;
     }
