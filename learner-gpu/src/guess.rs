@@ -103,7 +103,12 @@ fn sigmoids(settings: &Settings, dofs: usize) -> Vec<Option<Sigmoid>> {
     let at = |(lower, upper): (f32, f32), k: usize, of: usize| {
         f64::from(lower) + f64::from(upper - lower) * k as f64 / (of - 1) as f64
     };
-    let every = |k: usize| Some((at(offset, k % OFFSETS, OFFSETS), at(slope, k / OFFSETS, SLOPES)));
+    let every = |k: usize| {
+        Some((
+            at(offset, k % OFFSETS, OFFSETS),
+            at(slope, k / OFFSETS, SLOPES),
+        ))
+    };
     (0..OFFSETS * SLOPES).map(every).collect()
 }
 

@@ -228,11 +228,7 @@ impl Search {
 
     /// Descends, exchanges, restarts, and notes whether the search has settled. False, and nothing is changed, where
     /// `stop` was set meanwhile.
-    fn end_round(
-        &mut self,
-        ground: &Ground<'_>,
-        stop: &AtomicBool,
-    ) -> Result<bool, LearnError> {
+    fn end_round(&mut self, ground: &Ground<'_>, stop: &AtomicBool) -> Result<bool, LearnError> {
         let Ground {
             problem, landscape, ..
         } = ground;
@@ -302,7 +298,8 @@ impl Search {
         };
         let mut starts = Vec::new();
         let sets = self.islands.chunks(problem.islands.max(1));
-        for (((set, islands), guesses), &(best, beat)) in sets.enumerate().zip(guesses).zip(&bests) {
+        for (((set, islands), guesses), &(best, beat)) in sets.enumerate().zip(guesses).zip(&bests)
+        {
             let mut order: Vec<usize> = (0..islands.len()).collect();
             order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
             let leaders = order
@@ -320,9 +317,7 @@ impl Search {
             {
                 let draws = draws(problem, set, number, self.generation);
                 let [first, second, kind, other] = draws.block(MOST_BLOCKS);
-                let noise = |k: usize| {
-                    draws.block(MOST_BLOCKS + 1 + k as u32 / 4)[k % 4]
-                };
+                let noise = |k: usize| draws.block(MOST_BLOCKS + 1 + k as u32 / 4)[k % 4];
                 // The parts that are changed: one or two.
                 let first = first as usize % parts;
                 let second = match kind & 1 {
@@ -860,7 +855,11 @@ mod tests {
         assert_eq!(ended.unwrap(), Ended::Stopped);
         // As if the stop had come between the generations and the descents.
         let (mut ready, stop) = (cut.clone(), AtomicBool::new(true));
-        assert!(!ready.end_round(&Ground::new(&problem).unwrap(), &stop).unwrap());
+        assert!(
+            !ready
+                .end_round(&Ground::new(&problem).unwrap(), &stop)
+                .unwrap()
+        );
         assert_eq!(ready, cut);
         run(&mut ready, &problem, 2 * GENERATIONS_A_ROUND);
         assert_eq!(ready.islands, whole.islands);

@@ -6,6 +6,9 @@
 //! fitted by the same Levenberg and Marquardt's method as a reach, from one vector for all reaches up: first that vector
 //! alone, then an affine map from it, then a quadratic one.
 //!
+//! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
+//! the fewer reaches there are, the stronger.
+//!
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
 
@@ -28,13 +31,15 @@ const FAR: f64 = 0.1;
 /// The weight of the squared coefficients, metres.
 const RIDGE: f64 = 1e-5;
 /// And of the squared differences from another person's, with one reach, metres.
-const KNOWN: f64 = 0.03;
+const KNOWN: f64 = 1.0;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
 /// A reach that is left out takes with it all whose targets are this near, metres.
 pub const NEAR: f64 = 0.05;
 /// Up to so many reaches are left out one by one; of more, in as many groups.
 const MOST_FOLDS: usize = 256;
+/// Learned targets that parameters are interpolated between.
+const NEIGHBOURS: usize = 4;
 /// Rounds of the search for one vector for all reaches.
 const ROUNDS: u32 = 2;
 
@@ -92,10 +97,10 @@ pub struct Trial {
     pub name: String,
     /// The mean distance on the reaches it was learned from, all of them, cm.
     pub fitted_cm: f64,
-    /// The mean distance on reaches that were left out with their neighbours, cm.
-    pub left_out_cm: f64,
+    /// The mean distance on reaches that were left out with their neighbours, cm; none where none could be left out.
+    pub left_out_cm: Option<f64>,
     /// The share of these where the hand ends within 1 cm of the target.
-    pub arrived: f64,
+    pub arrived: Option<f64>,
 }
 
 impl LearnedMap {
@@ -127,6 +132,13 @@ impl LearnedMap {
         )
     }
 
+    /// Centre and scale of the inputs.
+    fn standard(&self) -> ([f64; INPUTS], [f64; INPUTS]) {
+        let values =
+            |values: &[f64], other| std::array::from_fn(|i| *values.get(i).unwrap_or(&other));
+        (values(&self.centre, 0.0), values(&self.scale, 1.0))
+    }
+
     /// The parameters for a reach of an arm with so many DoFs, and how far to trust them, from 0 to 1.
     ///
     /// # Errors
@@ -144,32 +156,24 @@ impl LearnedMap {
     }
 }
 
-/// Learns a map from a problem with one set a motion, of which the best parameters are known (`own`), and tries it.
-/// None where `stop` was set meanwhile. `tell` hears how it goes.
+/// Learns a map from a problem with one set a motion, of which the best parameters are known (`own`), and tries it; with
+/// another person's map of the same model (`known`) tries that too, adapted. None where `stop` was set meanwhile. `tell`
+/// hears how it goes.
 ///
 /// # Errors
 /// A task that the core refuses.
 pub fn learn(
     problem: &Problem,
     own: &[Vec<f64>],
+    known: Option<&LearnedMap>,
     stop: &AtomicBool,
     tell: impl Fn(&str),
 ) -> Result<Option<LearnedMap>, LearnError> {
-    let inputs: Vec<[f64; INPUTS]> = problem
-        .tasks
-        .iter()
-        .map(|task| inputs(problem, task))
-        .collect();
-    let (centre, scale) = spread(&inputs);
-    let fit = Fit {
-        landscape: Landscape::new(problem)?,
-        terms: inputs
-            .iter()
-            .map(|x| terms(&standardised(x, &centre, &scale)).to_vec())
-            .collect(),
-        known: None,
-        stop,
+    let (centre, scale) = match known {
+        Some(known) => known.standard(),
+        None => spread(problem),
     };
+    let fit = Fit::new(problem, (&centre, &scale), None, stop)?;
 
     // The fits begin with one vector for all.
     tell("one vector for all reaches");
@@ -178,39 +182,53 @@ pub fn learn(
         return Ok(None);
     };
     let folds = folds(problem);
-    let mut trials = vec![nearest(problem, &fit.landscape, own)?];
-    // Each degree's fits go on from those of the degree before.
-    let (mut whole, mut parts) = (one.clone(), vec![one; folds.len()]);
+    let mut trials = vec![
+        neighbours(problem, &fit.landscape, own, 1)?,
+        neighbours(problem, &fit.landscape, own, NEIGHBOURS)?,
+    ];
     let mut best: Option<(f64, Degree, DMatrix<f64>)> = None;
-    for degree in Degree::ALL {
-        tell(&format!(
-            "{degree:?} map, with {} groups left out",
-            folds.len()
-        ));
-        whole = fit.descend(whole.resize_horizontally(degree.terms(), 0.0), &all);
+    // Fits that begin with some weights, and how they do.
+    let mut attempt = |fit: &Fit<'_>, name: &str, degree: Degree, from: &mut Weights| {
+        tell(&format!("{name}, with {} groups left out", folds.len()));
+        let wider = |weights: &mut DMatrix<f64>| {
+            std::mem::take(weights).resize_horizontally(degree.terms(), 0.0)
+        };
+        from.whole = fit.descend(wider(&mut from.whole), &all);
         let mut scored = Vec::new();
-        for ((left_out, kept), part) in folds.iter().zip(&mut parts) {
-            let wider = std::mem::take(part).resize_horizontally(degree.terms(), 0.0);
-            *part = fit.descend(wider, kept);
+        for ((left_out, kept), part) in folds.iter().zip(&mut from.parts) {
+            *part = fit.descend(wider(part), kept);
             scored.extend(fit.points(part, left_out));
         }
-        if stop.load(Ordering::Relaxed) {
-            return Ok(None);
-        }
         let trial = Trial {
-            name: format!("{degree:?} map").to_lowercase(),
-            fitted_cm: 100.0 * fit.mean(&whole, &all),
+            name: name.to_owned(),
+            fitted_cm: 100.0 * fit.mean(&from.whole, &all),
             ..trial(problem, &fit.landscape, &scored)?
         };
-        if best
-            .as_ref()
-            .is_none_or(|(least, ..)| trial.left_out_cm < *least)
-        {
-            best = Some((trial.left_out_cm, degree, whole.clone()));
+        let score = trial.left_out_cm.unwrap_or(trial.fitted_cm);
+        if best.as_ref().is_none_or(|(least, ..)| score < *least) {
+            best = Some((score, degree, from.whole.clone()));
         }
         trials.push(trial);
+        Ok::<(), TaskError>(())
+    };
+    if let Some(known) = known {
+        let weights = weights(problem, known);
+        let with = Fit::new(problem, (&centre, &scale), Some(weights.clone()), stop)?;
+        let degree = known.degree.max(Degree::Affine);
+        let mut from = Weights::all(weights, folds.len());
+        attempt(&with, "another's map, adapted", degree, &mut from)?;
     }
-    let Some((_, degree, weights)) = best else {
+    // Each degree's fits go on from those of the degree before.
+    let mut from = Weights::all(one, folds.len());
+    for degree in Degree::ALL {
+        // What cannot be tried is kept simple.
+        if folds.is_empty() && (known.is_some() || degree > Degree::Constant) {
+            break;
+        }
+        let name = format!("{degree:?} map").to_lowercase();
+        attempt(&fit, &name, degree, &mut from)?;
+    }
+    let Some((_, degree, weights)) = best.filter(|_| !stop.load(Ordering::Relaxed)) else {
         return Ok(None);
     };
 
@@ -236,6 +254,21 @@ pub fn learn(
     }))
 }
 
+/// Weights fitted to all reaches, and for each fold to those that it keeps.
+struct Weights {
+    whole: DMatrix<f64>,
+    parts: Vec<DMatrix<f64>>,
+}
+
+impl Weights {
+    fn all(weights: DMatrix<f64>, folds: usize) -> Self {
+        Weights {
+            parts: vec![weights.clone(); folds],
+            whole: weights,
+        }
+    }
+}
+
 /// The best vector for some reaches together, by the population, as weights of the first term.
 fn one_vector(
     problem: &Problem,
@@ -249,14 +282,7 @@ fn one_vector(
     };
     let mut search = Search::new(&jointly);
     let generations = ROUNDS * GENERATIONS_A_ROUND;
-    search.run(
-        &jointly,
-        &mut Backend::Cpu,
-        generations,
-        stop,
-        None,
-        |_| {},
-    )?;
+    search.run(&jointly, &mut Backend::Cpu, generations, stop, None, |_| {})?;
     let winner = search.winners(&jointly)?.into_iter().next();
     Ok(winner.map(|one| DMatrix::from_vec(problem.genes(), 1, shares(problem, &one.parameters))))
 }
@@ -269,10 +295,8 @@ pub struct Transfer {
     pub reaches: usize,
     /// The other person's map, adapted to them.
     pub adapted_cm: f64,
-    /// An affine map from them alone.
-    pub affine_cm: f64,
-    /// One vector from them alone.
-    pub constant_cm: f64,
+    /// One vector, and an affine map, from them alone.
+    pub alone_cm: Option<[f64; 2]>,
 }
 
 /// Times that reaches are chosen to learn from.
@@ -291,38 +315,24 @@ pub fn transfer(
     stop: &AtomicBool,
     tell: impl Fn(&str),
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
-    let standard = |values: &[f64]| <[f64; INPUTS]>::try_from(values).unwrap_or([1.0; INPUTS]);
-    let (centre, scale) = (standard(&known.centre), standard(&known.scale));
+    let (centre, scale) = known.standard();
     let weights = weights(problem, known);
-    let fit = |known: Option<&DMatrix<f64>>| -> Result<Fit<'_>, TaskError> {
-        Ok(Fit {
-            landscape: Landscape::new(problem)?,
-            terms: problem
-                .tasks
-                .iter()
-                .map(|task| terms(&standardised(&inputs(problem, task), &centre, &scale)).to_vec())
-                .collect(),
-            known: known.cloned(),
-            stop,
-        })
-    };
-    let (alone, with) = (fit(None)?, fit(Some(&weights))?);
+    let fit = |known| Fit::new(problem, (&centre, &scale), known, stop);
+    let (alone, with) = (fit(None)?, fit(Some(weights.clone()))?);
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
     let as_it_is = 100.0 * with.mean(&weights, &all);
     let mut out = vec![Transfer {
         reaches: 0,
         adapted_cm: as_it_is,
-        affine_cm: f64::NAN,
-        constant_cm: f64::NAN,
+        alone_cm: None,
     }];
     for reaches in 1..=most.min(count.saturating_sub(1)) {
         tell(&format!("{reaches} reaches"));
         let mut row = Transfer {
             reaches,
             adapted_cm: 0.0,
-            affine_cm: 0.0,
-            constant_cm: 0.0,
+            alone_cm: Some([0.0; 2]),
         };
         for choice in 0..CHOICES {
             // A shuffle by draws.
@@ -335,14 +345,17 @@ pub fn transfer(
                 return Ok(None);
             };
             let affine = alone.descend(one.clone().resize_horizontally(1 + INPUTS, 0.0), used);
-            let adapted = with.descend(weights.clone(), used);
+            let degree = known.degree.max(Degree::Affine);
+            let wider = weights.clone().resize_horizontally(degree.terms(), 0.0);
+            let adapted = with.descend(wider, used);
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
             let share = 100.0 / f64::from(CHOICES);
             row.adapted_cm += share * with.mean(&adapted, others);
-            row.affine_cm += share * alone.mean(&affine, others);
-            row.constant_cm += share * alone.mean(&one, others);
+            for (sum, weights) in row.alone_cm.iter_mut().flatten().zip([&one, &affine]) {
+                *sum += share * alone.mean(weights, others);
+            }
         }
         out.push(row);
     }
@@ -354,7 +367,9 @@ fn weights(problem: &Problem, map: &LearnedMap) -> DMatrix<f64> {
     let bounds = problem.settings.bounds(problem.dofs());
     DMatrix::from_fn(bounds.len(), map.degree.terms(), |k, j| {
         let (lower, upper) = bounds[k];
-        let coefficient = map.coefficients[k][j] - if j == 0 { f64::from(lower) } else { 0.0 };
+        let written = map.coefficients.get(k).and_then(|row| row.get(j));
+        let coefficient =
+            written.copied().unwrap_or_default() - if j == 0 { f64::from(lower) } else { 0.0 };
         coefficient / f64::from(upper - lower)
     })
 }
@@ -367,7 +382,9 @@ fn inputs(problem: &Problem, task: &Task) -> [f64; INPUTS] {
 }
 
 /// Mean and standard deviation of each input; 1 where an input is always the same.
-fn spread(inputs: &[[f64; INPUTS]]) -> ([f64; INPUTS], [f64; INPUTS]) {
+fn spread(problem: &Problem) -> ([f64; INPUTS], [f64; INPUTS]) {
+    let each = problem.tasks.iter().map(|task| inputs(problem, task));
+    let inputs: Vec<[f64; INPUTS]> = each.collect();
     let count = inputs.len().max(1) as f64;
     let mean: [f64; INPUTS] =
         std::array::from_fn(|i| inputs.iter().map(|x| x[i]).sum::<f64>() / count);
@@ -420,30 +437,43 @@ fn gap(problem: &Problem, folds: &[(Vec<usize>, Vec<usize>)]) -> f64 {
     gaps.fold(0.0, f64::max)
 }
 
-/// The parameters of the nearest target, of those further away than [`NEAR`].
-fn nearest(
+/// The parameters of the nearest learned targets, of those further away than [`NEAR`]: of so many, each weighted by the
+/// inverse square of how far it is (Shepard 1968).
+fn neighbours(
     problem: &Problem,
     landscape: &Landscape<'_>,
     own: &[Vec<f64>],
+    most: usize,
 ) -> Result<Trial, TaskError> {
     let count = problem.tasks.len();
     let away = |a: usize, b: usize| distance(problem.tasks[a].target, problem.tasks[b].target);
-    let taken = |reach: usize| {
-        (0..count)
+    let own: Vec<Vec<f64>> = own.iter().map(|own| shares(problem, own)).collect();
+    let point = |values: &[f64]| values.iter().map(|&share| share as f32).collect();
+    let between = |reach: usize| {
+        let mut others: Vec<usize> = (0..count)
             .filter(|&other| other != reach && away(reach, other) >= NEAR)
-            .min_by(|&a, &b| away(reach, a).total_cmp(&away(reach, b)))
-    };
-    let point = |parameters: &[f64]| -> Vec<f32> {
-        let shares = shares(problem, parameters);
-        shares.iter().map(|&share| share as f32).collect()
+            .collect();
+        others.sort_by(|&a, &b| away(reach, a).total_cmp(&away(reach, b)));
+        others.truncate(most);
+        let weight = |other: usize| away(reach, other).powi(-2);
+        let total: f64 = others.iter().map(|&other| weight(other)).sum();
+        let mut sum = vec![0.0; problem.genes()];
+        for &other in &others {
+            for (sum, share) in sum.iter_mut().zip(&own[other]) {
+                *sum += share * weight(other) / total;
+            }
+        }
+        (!others.is_empty()).then(|| (reach, point(&sum)))
     };
     let fitted: Vec<(usize, Vec<f32>)> = (0..count).map(|m| (m, point(&own[m]))).collect();
-    let scored: Vec<(usize, Vec<f32>)> = (0..count)
-        .filter_map(|reach| Some((reach, point(&own[taken(reach)?]))))
-        .collect();
+    let scored: Vec<(usize, Vec<f32>)> = (0..count).filter_map(between).collect();
+    let of_all = trial(problem, landscape, &fitted)?;
     Ok(Trial {
-        name: "nearest learned target".to_owned(),
-        fitted_cm: trial(problem, landscape, &fitted)?.left_out_cm,
+        name: match most {
+            1 => "nearest learned target".to_owned(),
+            _ => format!("between {most} nearest"),
+        },
+        fitted_cm: of_all.left_out_cm.unwrap_or_default(),
         ..trial(problem, landscape, &scored)?
     })
 }
@@ -476,12 +506,12 @@ fn trial(
         }, else return Err(TaskError::Dofs { found: dofs }));
         arrived += usize::from(distance(tip, task.target) <= 0.01);
     }
-    let count = scored.len().max(1) as f64;
+    let share = |sum: f64| (!scored.is_empty()).then(|| sum / scored.len() as f64);
     Ok(Trial {
         name: String::new(),
         fitted_cm: 0.0,
-        left_out_cm: 100.0 * scores.iter().map(|&score| f64::from(score)).sum::<f64>() / count,
-        arrived: arrived as f64 / count,
+        left_out_cm: share(100.0 * scores.iter().map(|&score| f64::from(score)).sum::<f64>()),
+        arrived: share(arrived as f64),
     })
 }
 
@@ -513,7 +543,22 @@ struct Fit<'a> {
     stop: &'a AtomicBool,
 }
 
-impl Fit<'_> {
+impl<'a> Fit<'a> {
+    fn new(
+        problem: &'a Problem,
+        (centre, scale): (&[f64; INPUTS], &[f64; INPUTS]),
+        known: Option<DMatrix<f64>>,
+        stop: &'a AtomicBool,
+    ) -> Result<Self, TaskError> {
+        let terms = |task| terms(&standardised(&inputs(problem, task), centre, scale)).to_vec();
+        Ok(Fit {
+            landscape: Landscape::new(problem)?,
+            terms: problem.tasks.iter().map(terms).collect(),
+            known,
+            stop,
+        })
+    }
+
     /// The parameters of a reach, as shares of their bounds.
     fn at(&self, weights: &DMatrix<f64>, reach: usize) -> Vec<f32> {
         let terms = DVector::from_column_slice(&self.terms[reach][..weights.ncols()]);

@@ -252,7 +252,11 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         let mut damping = 1e-2;
         let mut apart = Vec::new();
         for step in 0..MOST_STEPS {
-            let difference = if step % 2 == 0 { DIFFERENCE } else { -DIFFERENCE };
+            let difference = if step % 2 == 0 {
+                DIFFERENCE
+            } else {
+                -DIFFERENCE
+            };
             let local = self.local(&at, difference, &mut apart);
             let trials = self.trials(&at, &local, damping);
             *count += (local.free + 1 + TRIALS) as u64;
@@ -326,12 +330,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     #[inline(always)]
-    fn local_in_lanes(
-        &self,
-        at: &[f32],
-        step: f32,
-        apart: &mut Vec<f32>,
-    ) -> Local {
+    fn local_in_lanes(&self, at: &[f32], step: f32, apart: &mut Vec<f32>) -> Local {
         let lanes = Lanes::<S>::COUNT;
         let free = self.bounds.len();
         let vectors = free / lanes + 1;
@@ -436,12 +435,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     #[inline(always)]
-    fn trials_in_lanes(
-        &self,
-        at: &[f32],
-        local: &Local,
-        damping: f32,
-    ) -> Trials {
+    fn trials_in_lanes(&self, at: &[f32], local: &Local, damping: f32) -> Trials {
         let lanes = Lanes::<S>::COUNT;
         let dampings: [f32; TRIALS] =
             std::array::from_fn(|trial| damping * DAMPINGS[trial % DAMPINGS.len()]);
@@ -458,8 +452,8 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
             let share = Lanes::<S>::load(&shares[some.clone()]);
             let mut candidates = [Lanes::<S>::zero(); MOST_GENES];
             for (k, &(lower, upper)) in self.bounds.iter().enumerate() {
-                let moved = (Lanes::splat(at[k]) + share * step[k])
-                    .within(Lanes::zero(), Lanes::one());
+                let moved =
+                    (Lanes::splat(at[k]) + share * step[k]).within(Lanes::zero(), Lanes::one());
                 moved.store(&mut out.values[k][some.clone()]);
                 candidates[k] = Lanes::splat(lower) + Lanes::splat(upper - lower) * moved;
             }

@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4, mean};
 use sinew_learn::learn::{Ended, Search};
+use sinew_learn::map;
 use sinew_learn::motion::Point;
 use sinew_learn::output;
 use sinew_learn::problem::{ModelKind, Settings, StepperKind};
@@ -34,6 +35,7 @@ enum Experiment {
     Models(Models),
     Steppers(Steppers),
     Speed(Speed),
+    Transfer(Transfer),
 }
 
 /// Compare the synergy models S_A, S_B, S_C and S_D (figure 3)
@@ -82,12 +84,37 @@ struct Speed {
     out: Option<PathBuf>,
 }
 
+/// Learn a map from few recordings of a person, with another person's map and without it: distance over number of reaches
+///
+/// Reaches to learn from are chosen by draws, six times; the distances are means over the person's other reaches.
+#[derive(clap::Args)]
+#[command(args_override_self = true)]
+struct Transfer {
+    /// The other person's synergies, with a map
+    #[arg(long, value_name = "SYNERGIES.json")]
+    known: PathBuf,
+    /// The most reaches to learn from
+    #[arg(long, default_value_t = 14)]
+    most: usize,
+    /// What each joint's synergy is made of
+    #[arg(long, value_enum, default_value = "c")]
+    model: ModelKind,
+    #[command(flatten)]
+    steering: Steering,
+    #[command(flatten)]
+    options: Options,
+    /// Write transfer.csv (a row a number of reaches) and transfer.json (everything) to this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     match &arguments.experiment {
         Experiment::Models(arguments) => models(arguments),
         Experiment::Steppers(arguments) => steppers(arguments),
         Experiment::Speed(arguments) => speed(arguments),
+        Experiment::Transfer(arguments) => transfer(arguments),
     }
 }
 
@@ -175,6 +202,51 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
         tasks.len(),
         name(stepper),
         bells(&tasks, &curves)
+    ))?;
+    out.say()
+}
+
+fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
+    let Steering { stepper, lambda } = arguments.steering;
+    let options = &arguments.options;
+    let settings = options.settings(stepper, lambda, arguments.model)?;
+    let tasks = options.tasks(&options.recordings()?)?;
+    let problem = options.problem(settings, tasks, false);
+    let known = search::known_map(&arguments.known, &problem)?;
+    let files = ["transfer.csv", "transfer.json"];
+    let out = Out::new("transfer", arguments.out.as_deref(), &files)?;
+    let stop = search::stop()?;
+    let tell = |words: &str| super::tell!("learning from {words}");
+    let rows = map::transfer(&problem, &known, arguments.most, &stop, tell);
+    let Some(rows) = rows.map_err(Failure::run)? else {
+        super::tell!("stopped; nothing is written");
+        return Ok(ExitCode::from(130));
+    };
+    out.transfer(&settings, &rows)?;
+    let headings = [
+        "reaches",
+        "known, adapted",
+        "affine alone",
+        "one vector alone",
+    ];
+    let mut cells = vec![headings.map(str::to_owned).to_vec()];
+    for row in &rows {
+        let alone = |k: usize| {
+            row.alone_cm
+                .map_or(String::new(), |cm| format!("{:.3}", cm[k]))
+        };
+        cells.push(vec![
+            row.reaches.to_string(),
+            format!("{:.3}", row.adapted_cm),
+            alone(1),
+            alone(0),
+        ]);
+    }
+    print(&format!(
+        "distance in cm on those of {} recordings that were not learned from; known: {}\n{}",
+        problem.tasks.len(),
+        arguments.known.display(),
+        table(&cells)
     ))?;
     out.say()
 }
@@ -456,8 +528,8 @@ struct Out<'a> {
 struct Report<'a, R> {
     version: u32,
     experiment: &'a str,
-    /// The paper's figure that it repeats.
-    figure: u32,
+    /// The paper's figure that it repeats, if it does.
+    figure: Option<u32>,
     results: R,
     /// Each search as `sinew learn` writes it.
     searches: Vec<&'a Synergies>,
@@ -504,7 +576,7 @@ impl<'a> Out<'a> {
             }
         }
         self.csv(&format!("{}.csv", self.experiment), names, cells)?;
-        self.json(figure, rows, learned)
+        self.json(Some(figure), rows, learned)
     }
 
     /// The files of figure 5.
@@ -535,7 +607,24 @@ impl<'a> Out<'a> {
             curves: &'a [Curve],
         }
         let means = means(curves);
-        self.json(5, Results { means, curves }, learned)
+        self.json(Some(5), Results { means, curves }, learned)
+    }
+
+    /// The files of a transfer.
+    fn transfer(&self, settings: &Settings, rows: &[map::Transfer]) -> Result<(), Failure> {
+        let cells = rows.iter().map(|row| {
+            let alone = |k: usize| row.alone_cm.map_or(String::new(), |cm| cm[k].to_string());
+            let adapted = row.adapted_cm.to_string();
+            vec![row.reaches.to_string(), adapted, alone(1), alone(0)]
+        });
+        let names = "reaches,adapted_cm,affine_cm,constant_cm";
+        self.csv("transfer.csv", names, cells.collect())?;
+        #[derive(Serialize)]
+        struct Results<'a> {
+            settings: &'a Settings,
+            rows: &'a [map::Transfer],
+        }
+        self.json(None, Results { settings, rows }, &[])
     }
 
     fn csv(&self, file: &str, names: &str, rows: Vec<Vec<String>>) -> Result<(), Failure> {
@@ -553,7 +642,7 @@ impl<'a> Out<'a> {
 
     fn json(
         &self,
-        figure: u32,
+        figure: Option<u32>,
         results: impl Serialize,
         learned: &[Learned],
     ) -> Result<(), Failure> {

@@ -30,6 +30,9 @@ pub struct Arguments {
     /// Learn also a map from targets to parameters, for targets that no recording has, and try it on reaches left out
     #[arg(long, conflicts_with = "joint")]
     map: bool,
+    /// Another person's synergies with a map, to be adapted to these recordings: fewer of them will do
+    #[arg(long, value_name = "SYNERGIES.json", requires = "map")]
+    known: Option<PathBuf>,
     #[command(flatten)]
     options: Options,
     /// The folder to write to; it is made where it is not there
@@ -44,6 +47,10 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let settings = options.settings(stepper, lambda, arguments.model)?;
     let tasks = options.tasks(&options.recordings()?)?;
     let problem = options.problem(settings, tasks, arguments.joint);
+    let known = match &arguments.known {
+        Some(file) => Some(search::known_map(file, &problem)?),
+        None => None,
+    };
     let fresh = Search::new(&problem);
     can_be_written(&arguments.out, &["synergies.json"])?;
     let (mut backend, why) = backend(options, &problem, &fresh, Some(&arguments.out))?;
@@ -94,7 +101,8 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let motions = synergies.motions.iter();
         let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();
         let tell = |words: &str| super::tell!("map: {words}");
-        synergies.map = map::learn(&problem, &own, &stop, tell).map_err(Failure::run)?;
+        synergies.map =
+            map::learn(&problem, &own, known.as_ref(), &stop, tell).map_err(Failure::run)?;
         if synergies.map.is_none() {
             super::tell!("stopped: {} will have no map", arguments.out.display());
         }
@@ -152,12 +160,16 @@ fn trials(learned: &map::LearnedMap) -> String {
         rows.push(vec![
             trial.name.clone(),
             format!("{:.3}", trial.fitted_cm),
-            format!("{:.3}", trial.left_out_cm),
-            format!("{:.0} %", trial.arrived * 100.0),
+            trial
+                .left_out_cm
+                .map_or("-".to_owned(), |cm| format!("{cm:.3}")),
+            trial
+                .arrived
+                .map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0)),
         ]);
     }
     format!(
-        "{}left out: learned without the reach and all within {:.0} cm of its target; the {} map is kept, trusted up to \
+        "{}left out: learned without the reach and all within {:.0} cm of its target; kept is the one of least distance that is {}, trusted up to \
          {:.0} cm from a learned target\n",
         table(&rows),
         map::NEAR * 100.0,

@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
 use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
+use sinew_learn::map::LearnedMap;
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
 use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
@@ -176,6 +177,26 @@ impl Options {
             seed: self.seed,
         }
     }
+}
+
+/// The map of a file of synergies, made for the same model and stepper, and DoFs, as a problem.
+pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> {
+    let wrong = |words: String| Failure::Input(format!("{}: {words}", file.display()));
+    let known = Synergies::read(file).map_err(Failure::input)?;
+    let map = known
+        .map
+        .ok_or_else(|| wrong("no map in it: `sinew learn --map` makes one".to_owned()))?;
+    let Settings { stepper, model, .. } = problem.settings;
+    if (map.model, known.stepper) != (model, stepper) {
+        return Err(wrong(format!(
+            "its map is for S_{:?} and {:?}, expected S_{model:?} and {stepper:?}",
+            map.model, known.stepper
+        )));
+    }
+    let dofs = problem.dofs();
+    map.plan(dofs, [0.0; 3], 1.0)
+        .map_err(|error| wrong(format!("its map is not one for {dofs} DoFs: {error}")))?;
+    Ok(map)
 }
 
 /// Whether results of these names can be put in a folder, asked before a search and not after it. The folder is made
