@@ -10,12 +10,13 @@
 use sinew::chain::{Chain, Kind, Shift, human_arm};
 use sinew::controller::{Controller, Limits};
 use sinew::stepper::{AnyStepper, Stepper, Transpose};
-use sinew::synergy::Synergy;
+use sinew::synergy::{Model, Synergy};
 use sinew::target::Position;
 use sinew::{Error, real::Real};
 use sinew_protocol::{DOFS, Mode};
 
 use crate::pace::Pace;
+use crate::planner::Planner;
 use crate::{PERIOD, RATE_HZ};
 
 /// The default arm's upper arm, forearm and hand, metres: a median adult's (Winter 2009, *Biomechanics and motor
@@ -45,16 +46,49 @@ pub struct Style {
     pub delay: f32,
 }
 
+impl Style {
+    /// With a synergy of a model and its parameters, in the paper's order.
+    pub fn new(
+        stepper: AnyStepper<f32>,
+        rate: f32,
+        synergy: Synergy<f32, DOFS>,
+        model: Model,
+        parameters: &[f32],
+    ) -> Self {
+        let at = |k: usize| parameters.get(k).copied().unwrap_or(0.0);
+        let middle = |offset: f32, slope: f32| if slope > 0.0 { offset / slope } else { 0.0 };
+        let delay = match model {
+            Model::A | Model::B => 0.0,
+            Model::C => middle(at(DOFS), at(DOFS + 1)),
+            Model::D => (0..DOFS).fold(0.0, |latest: f32, i| {
+                latest.most(middle(at(DOFS + i), at(2 * DOFS + i)))
+            }),
+        };
+        Style {
+            stepper,
+            rate,
+            synergy,
+            delay,
+        }
+    }
+}
+
 /// The arm.
 #[derive(Clone, Debug)]
 pub struct Arm {
     chain: Chain<f32, DOFS>,
     /// No point farther from the base is within reach, metres.
     length: f32,
+    /// Of a motion that no map plans.
     style: Style,
+    planner: Option<Planner>,
+    /// Of the motion that runs.
+    now: Style,
     pace: Pace,
     mode: Mode,
     target: Option<Position<f32>>,
+    /// How far the target was moved to be within the arm's length, metres.
+    moved: f32,
     q: [f32; DOFS],
     /// The last tick's step.
     step: [f32; DOFS],
@@ -74,18 +108,22 @@ impl Arm {
     pub fn new(pace: Pace) -> Result<Self, Error> {
         let [upper_arm, forearm, hand] = SEGMENTS;
         let chain = human_arm(upper_arm, forearm, hand)?;
+        let bare = Style {
+            stepper: AnyStepper::Transpose(Transpose),
+            rate: <Transpose as Stepper<f32>>::RATE as f32,
+            synergy: Synergy::a(1.0)?,
+            delay: 0.0,
+        };
         let mut arm = Arm {
             length: length(&chain),
             chain,
-            style: Style {
-                stepper: AnyStepper::Transpose(Transpose),
-                rate: <Transpose as Stepper<f32>>::RATE as f32,
-                synergy: Synergy::a(1.0)?,
-                delay: 0.0,
-            },
+            style: bare,
+            planner: None,
+            now: bare,
             pace,
             mode: Mode::Holding,
             target: None,
+            moved: 0.0,
             q: [0.0; DOFS],
             step: [0.0; DOFS],
             ticks: 0,
@@ -112,14 +150,23 @@ impl Arm {
         self.chain = chain;
     }
 
-    /// Another synergy.
+    /// Whether a rate λ is one.
     ///
     /// # Errors
-    /// A rate that the controller refuses.
-    pub fn set_style(&mut self, style: Style) -> Result<(), Error> {
-        controller(&self.chain, &style)?;
+    /// What the controller refuses.
+    pub fn check_rate(&self, rate: f32) -> Result<(), Error> {
+        let style = Style { rate, ..self.style };
+        controller(&self.chain, &style).map(|_| ())
+    }
+
+    /// Another synergy, of a [checked](Self::check_rate) rate.
+    pub fn set_style(&mut self, style: Style) {
         self.style = style;
-        Ok(())
+    }
+
+    /// A map to plan with, or another one, of a [checked](Self::check_rate) rate.
+    pub fn set_planner(&mut self, planner: Planner) {
+        self.planner = Some(planner);
     }
 
     /// Other limits of speed and acceleration.
@@ -127,11 +174,30 @@ impl Arm {
         self.pace = pace;
     }
 
-    /// Begins a motion, or changes the one that runs.
+    /// Begins a motion with the arm's synergy, or changes the one that runs.
     ///
     /// # Errors
     /// A coordinate that is NaN or infinite; then nothing changes.
     pub fn go_to(&mut self, target: [f32; 3]) -> Result<(), Error> {
+        self.begin(self.style, target)
+    }
+
+    /// The same with the synergy that the map gives for a reach in about `seconds`. How far to trust that, from 0 to 1;
+    /// none, where there is no map.
+    ///
+    /// # Errors
+    /// A number that is NaN or infinite, or a time that is not above 0; then nothing changes.
+    pub fn reach(&mut self, target: [f32; 3], seconds: f32) -> Result<Option<f32>, Error> {
+        let Some(planner) = &self.planner else {
+            return Ok(None);
+        };
+        // To where it is asked for, as on a host: a target out of reach is moved only after that.
+        let (style, confidence) = planner.plan(target, seconds)?;
+        self.begin(style, target)?;
+        Ok(Some(confidence))
+    }
+
+    fn begin(&mut self, style: Style, target: [f32; 3]) -> Result<(), Error> {
         let [x, y, z] = Position::new(target)?.coordinates();
         let (_, base) = self.chain.base();
         let from = [x - base[0], y - base[1], z - base[2]];
@@ -143,6 +209,8 @@ impl Arm {
         };
         let within = |i: usize| base[i] + scale * from[i];
         self.target = Some(Position::new([within(0), within(1), within(2)])?);
+        self.moved = (far - self.length).most(0.0);
+        self.now = style;
         self.mode = Mode::Moving;
         self.ticks = 0;
         self.nearest = f32::MAX;
@@ -187,7 +255,7 @@ impl Arm {
         let (Mode::Moving, Some(target)) = (self.mode, self.target) else {
             return self.q;
         };
-        let Ok(controller) = controller(&self.chain, &self.style) else {
+        let Ok(controller) = controller(&self.chain, &self.now) else {
             return self.q;
         };
         let mut state = controller.resume(self.q, self.ticks);
@@ -227,7 +295,7 @@ impl Arm {
     fn look(&mut self, tip: [f32; 3], target: [f32; 3]) {
         let [x, y, z] = [tip[0] - target[0], tip[1] - target[1], tip[2] - target[2]];
         self.distance = Real::sqrt(x * x + y * y + z * z);
-        let began = self.ticks as f32 * PERIOD > self.style.delay;
+        let began = self.ticks as f32 * PERIOD > self.now.delay;
         if !began || self.distance < self.nearest - PROGRESS {
             self.nearest = self.distance;
             self.nearest_at = self.ticks;
@@ -248,7 +316,7 @@ impl Arm {
 
     /// Whether the motion ended without reaching its target.
     pub fn is_short(&self) -> bool {
-        self.mode == Mode::Holding && self.target.is_some() && self.distance > NEAR
+        self.mode == Mode::Holding && self.target.is_some() && self.distance + self.moved > NEAR
     }
 
     /// The joint vector, rad (or m).

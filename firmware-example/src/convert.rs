@@ -3,14 +3,15 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3, Vector4};
 use sinew::Error;
 use sinew::chain::{Chain, Joint, Kind};
-use sinew::real::Real;
+use sinew::map::{MOST_PARAMETERS, SynergyMap, TERMS};
 use sinew::stepper::{
     AnyStepper, Damped, NormalisedTranspose, PseudoInverse, SelectivelyDamped, Transpose,
 };
-use sinew::synergy;
+use sinew::synergy::{Model, Synergy};
 use sinew_protocol::{self as wire, DOFS, Reason, Refusal};
 
 use crate::arm::Style;
+use crate::planner::Planner;
 
 fn rotation([x, y, z, w]: [f32; 4]) -> UnitQuaternion<f32> {
     // The core refuses one that is not of unit length.
@@ -61,28 +62,54 @@ pub fn chain(chain: &wire::Chain) -> Result<Chain<f32, DOFS>, Error> {
 /// # Errors
 /// What the core refuses.
 pub fn style(synergy: &wire::Synergy) -> Result<Style, Error> {
-    let model = match synergy.model {
-        wire::Model::A => synergy::Model::A,
-        wire::Model::B => synergy::Model::B,
-        wire::Model::C => synergy::Model::C,
-        wire::Model::D => synergy::Model::D,
-    };
-    let p = &synergy.parameters;
-    let at = |k: usize| p.get(k).copied().unwrap_or(0.0);
-    let middle = |offset: f32, slope: f32| if slope > 0.0 { offset / slope } else { 0.0 };
-    let delay = match model {
-        synergy::Model::A | synergy::Model::B => 0.0,
-        synergy::Model::C => middle(at(DOFS), at(DOFS + 1)),
-        synergy::Model::D => (0..DOFS).fold(0.0, |latest: f32, i| {
-            latest.most(middle(at(DOFS + i), at(2 * DOFS + i)))
-        }),
-    };
-    Ok(Style {
-        stepper: stepper(synergy.stepper),
-        rate: synergy.rate,
-        synergy: synergy::Synergy::from_parameters(model, p)?,
-        delay,
+    let (model, parameters) = (model(synergy.model), &synergy.parameters);
+    Ok(Style::new(
+        stepper(synergy.stepper),
+        synergy.rate,
+        Synergy::from_parameters(model, parameters)?,
+        model,
+        parameters,
+    ))
+}
+
+/// A map with its stepper.
+///
+/// # Errors
+/// What the core refuses; coefficients that are not as many for each parameter, or more than there are terms.
+pub fn planner(map: &wire::Map) -> Result<Planner, Error> {
+    let model = model(map.model);
+    let count = model.parameters(DOFS);
+    let found = map.coefficients.len();
+    let each = found / count;
+    let mut rows = [[0.0; TERMS]; MOST_PARAMETERS];
+    let rows = rows.get_mut(..count).unwrap_or(&mut []);
+    if found != count * each || !(1..=TERMS).contains(&each) {
+        return Err(Error::WrongCount {
+            what: "coefficients",
+            expected: count * each.clamp(1, TERMS),
+            found,
+        });
+    }
+    for (row, coefficients) in rows.iter_mut().zip(map.coefficients.chunks_exact(each)) {
+        for (to, from) in row.iter_mut().zip(coefficients) {
+            *to = *from;
+        }
+    }
+    Ok(Planner {
+        stepper: stepper(map.stepper),
+        rate: map.rate,
+        model,
+        map: SynergyMap::new(model, map.centre, map.scale, rows, &map.targets, map.radius)?,
     })
+}
+
+fn model(model: wire::Model) -> Model {
+    match model {
+        wire::Model::A => Model::A,
+        wire::Model::B => Model::B,
+        wire::Model::C => Model::C,
+        wire::Model::D => Model::D,
+    }
 }
 
 /// A stepper with the core's default settings.

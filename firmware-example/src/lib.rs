@@ -7,6 +7,7 @@
 //!
 //! - [`arm`]: the motion: a tick of the core's controller, held within limits of speed and acceleration
 //! - [`pace`]: those limits, for one DoF
+//! - [`planner`]: a synergy for each reach, from a learned map
 //! - [`node`]: requests, replies, and the watchdog of the line
 //! - [`store`]: what survives a reset
 //! - [`servo`]: from an angle to a pulse
@@ -24,6 +25,7 @@ pub mod convert;
 pub mod learned;
 pub mod node;
 pub mod pace;
+pub mod planner;
 pub mod run;
 pub mod servo;
 pub mod store;

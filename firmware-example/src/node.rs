@@ -2,13 +2,15 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use sinew::Error;
+use sinew::chain::Chain;
 use sinew_protocol::{
-    Envelope, Faults, FrameError, Limits, Mode, Reason, Receiver, Refusal, Reply, Report, Request,
-    Settings, encode,
+    DOFS, Envelope, Faults, FrameError, Limits, Mode, Reason, Receiver, Refusal, Reply, Report,
+    Request, Settings, encode,
 };
 
-use crate::arm::Arm;
+use crate::arm::{Arm, Style};
 use crate::pace::Pace;
+use crate::planner::Planner;
 use crate::store::Store;
 use crate::{RATE_HZ, convert};
 
@@ -27,16 +29,22 @@ pub struct Node<F> {
     worst_cost: u32,
 }
 
+/// What settings say, as the arm takes it; none: as it is.
+struct Checked {
+    chain: Option<Chain<f32, DOFS>>,
+    style: Option<Style>,
+    planner: Option<Planner>,
+    limits: Limits,
+}
+
 impl<F: NorFlash> Node<F> {
     /// With what the store holds, or the defaults.
     ///
     /// # Errors
     /// None: the defaults are valid.
-    pub fn new(mut store: Store<F>) -> Result<Self, Error> {
+    pub fn new(store: Store<F>) -> Result<Self, Error> {
         let limits = Limits::DEFAULT;
         let arm = Arm::new(pace(&limits))?;
-        let saved = store.load();
-        let lost = saved.is_none() && !store.is_blank();
         let mut node = Node {
             arm,
             store,
@@ -48,10 +56,19 @@ impl<F: NorFlash> Node<F> {
             cost: 0,
             worst_cost: 0,
         };
-        if lost || saved.is_some_and(|settings| node.apply(&settings).is_err()) {
-            node.faults.add(Faults::STORAGE);
-        }
+        node.restore();
         Ok(node)
+    }
+
+    /// Takes what the store holds.
+    // Inlined into `main`, what it needs of the stack would never be free again.
+    #[inline(never)]
+    fn restore(&mut self) {
+        match self.store.load().map(|settings| self.check(&settings)) {
+            Some(Ok(checked)) => self.take(checked),
+            None if self.store.is_blank() => {}
+            _ => self.faults.add(Faults::STORAGE),
+        }
     }
 
     /// The arm.
@@ -60,7 +77,7 @@ impl<F: NorFlash> Node<F> {
     }
 
     /// Says where the arm is; for a board that can tell.
-    pub fn put(&mut self, q: [f32; sinew_protocol::DOFS]) {
+    pub fn put(&mut self, q: [f32; DOFS]) {
         self.arm.put(q);
     }
 
@@ -118,36 +135,41 @@ impl<F: NorFlash> Node<F> {
                 }
                 self.arm.go_to(*target).map_err(convert::refusal)?;
             }
+            Request::Reach { target, seconds } => {
+                if self.arm.mode() == Mode::Stopped {
+                    return Err(Refusal::Stopped);
+                }
+                let confidence = self.arm.reach(*target, *seconds);
+                let confidence = confidence.map_err(convert::refusal)?;
+                return confidence.map(Reply::Reaching).ok_or(Refusal::NoMap);
+            }
             Request::LoadSynergy(synergy) => {
-                self.change(|settings| settings.synergy = Some(synergy.clone()))?;
+                self.change(&|settings| settings.synergy = Some(synergy.clone()))?;
             }
             Request::LoadChain(chain) => {
-                self.change(|settings| settings.chain = Some(chain.clone()))?;
+                self.change(&|settings| settings.chain = Some(chain.clone()))?;
             }
-            Request::SetLimits(limits) => self.change(|settings| settings.limits = *limits)?,
+            Request::LoadMap(map) => self.change(&|settings| settings.map = Some(map.clone()))?,
+            Request::SetLimits(limits) => self.change(&|settings| settings.limits = *limits)?,
         }
         Ok(Reply::Done)
     }
 
     /// Changes the settings: in the store first, so that what moves the arm is what a reset brings back.
-    fn change(&mut self, edit: impl FnOnce(&mut Settings)) -> Result<(), Refusal> {
+    fn change(&mut self, edit: &dyn Fn(&mut Settings)) -> Result<(), Refusal> {
         if !self.arm.is_at_rest() {
             return Err(Refusal::Moving);
         }
         let mut settings = self.store.load().unwrap_or_default();
         edit(&mut settings);
-        // Tried on a copy: what is refused changes nothing.
-        let before = self.arm.clone();
-        self.apply(&settings)?;
-        if self.store.save(settings).is_err() {
-            self.arm = before;
-            return Err(Refusal::Storage);
-        }
+        let checked = self.check(&settings)?;
+        self.store.save(&settings).map_err(|_| Refusal::Storage)?;
+        self.take(checked);
         Ok(())
     }
 
-    /// Settings into the arm, all of them or none.
-    fn apply(&mut self, settings: &Settings) -> Result<(), Refusal> {
+    /// Everything that settings say, made and checked: nothing changes yet.
+    fn check(&self, settings: &Settings) -> Result<Checked, Refusal> {
         let Limits {
             speed,
             acceleration,
@@ -163,22 +185,45 @@ impl<F: NorFlash> Node<F> {
                 joint: None,
             });
         }
-        let chain = settings
-            .chain
-            .as_ref()
-            .map(convert::chain)
-            .transpose()
-            .map_err(convert::refusal)?;
-        if let Some(synergy) = &settings.synergy {
-            let style = convert::style(synergy).map_err(convert::refusal)?;
-            self.arm.set_style(style).map_err(convert::refusal)?;
+        self.checked(settings).map_err(convert::refusal)
+    }
+
+    fn checked(&self, settings: &Settings) -> Result<Checked, Error> {
+        let checked = Checked {
+            chain: settings.chain.as_ref().map(convert::chain).transpose()?,
+            style: settings.synergy.as_ref().map(convert::style).transpose()?,
+            planner: settings.map.as_ref().map(convert::planner).transpose()?,
+            limits: settings.limits,
+        };
+        let rates = [
+            checked.style.as_ref().map(|style| style.rate),
+            checked.planner.as_ref().map(|planner| planner.rate),
+        ];
+        for rate in rates.into_iter().flatten() {
+            self.arm.check_rate(rate)?;
         }
+        Ok(checked)
+    }
+
+    /// Into the arm.
+    fn take(&mut self, checked: Checked) {
+        let Checked {
+            chain,
+            style,
+            planner,
+            limits,
+        } = checked;
         if let Some(chain) = chain {
             self.arm.set_chain(chain);
         }
-        self.arm.set_pace(pace(&settings.limits));
-        self.silence = ticks(silence_ms);
-        Ok(())
+        if let Some(style) = style {
+            self.arm.set_style(style);
+        }
+        if let Some(planner) = planner {
+            self.arm.set_planner(planner);
+        }
+        self.arm.set_pace(pace(&limits));
+        self.silence = ticks(limits.silence_ms);
     }
 
     fn report(&mut self) -> Report {

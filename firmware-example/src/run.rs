@@ -1,7 +1,7 @@
 //! The main loop: sleep, tick, servos, line.
 
 use embedded_storage::nor_flash::NorFlash;
-use sinew_protocol::{MOST_FRAME, Mode};
+use sinew_protocol::{MOST_REPLY, Mode};
 
 use crate::board::Board;
 use crate::node::Node;
@@ -24,7 +24,7 @@ pub fn turn<B: Board, F: NorFlash>(board: &mut B, node: &mut Node<F>) -> bool {
         let period = board.period();
         node.spent(board.now().wrapping_sub(before), period);
     }
-    let mut reply = [0; MOST_FRAME];
+    let mut reply = [0; MOST_REPLY];
     while let Some(byte) = board.read() {
         if let Some(frame) = node.receive(byte, &mut reply) {
             board.write(frame);

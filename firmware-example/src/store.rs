@@ -5,10 +5,7 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use postcard::ser_flavors::{Slice, crc::CrcModifier};
-use sinew_protocol::{FORMAT, Record, Settings, frame::CHECK};
-
-/// Bytes set aside for a record in a page.
-const ROOM: usize = 640;
+use sinew_protocol::{FORMAT, MOST_RECORD, Record, Settings, frame::CHECK};
 
 /// The flash did not do as asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,19 +14,23 @@ pub struct StoreError;
 /// Two pages of a flash.
 pub struct Store<F> {
     flash: F,
-    /// Where they begin, bytes; each is at least one erase block.
+    /// Where they begin, bytes; each is whole erase blocks, with room for a record.
     pages: [u32; 2],
 }
 
 impl<F: NorFlash> Store<F> {
-    /// On two pages that nothing else uses.
+    /// What a page takes, bytes: the erase blocks that a record may fill.
+    pub const PAGE: usize = MOST_RECORD.div_ceil(F::ERASE_SIZE) * F::ERASE_SIZE;
+
+    /// On two pages that nothing else uses, each of [`Store::PAGE`] bytes or more.
     pub fn new(flash: F, pages: [u32; 2]) -> Self {
         Store { flash, pages }
     }
 
     /// What was saved last; nothing where nothing valid is.
     pub fn load(&mut self) -> Option<Settings> {
-        self.newest().map(|(_, record)| record.settings)
+        let (page, _) = self.newest()?;
+        self.record(page).map(|record| record.settings)
     }
 
     /// Whether a page holds something, valid or not.
@@ -44,17 +45,15 @@ impl<F: NorFlash> Store<F> {
     ///
     /// # Errors
     /// The flash did not erase or write.
-    pub fn save(&mut self, settings: Settings) -> Result<(), StoreError> {
+    pub fn save(&mut self, settings: &Settings) -> Result<(), StoreError> {
         let (page, count) = match self.newest() {
-            Some((page, record)) => (1 - page, record.count.wrapping_add(1)),
+            Some((page, count)) => (1 - page, count.wrapping_add(1)),
             None => (0, 0),
         };
-        let record = Record {
-            format: FORMAT,
-            count,
-            settings,
-        };
-        let mut bytes = [0xff; ROOM];
+        // As a `Record` is written, without a copy of the settings.
+        let record = (FORMAT, count, settings);
+        // Whole blocks: no chip writes longer ones than 32 bytes.
+        let mut bytes = [0xff; MOST_RECORD.next_multiple_of(32)];
         let flavor = CrcModifier::new(Slice::new(&mut bytes), CHECK.digest());
         let written = postcard::serialize_with_flavor(&record, flavor).map_err(|_| StoreError)?;
         let blocks = written
@@ -62,24 +61,25 @@ impl<F: NorFlash> Store<F> {
             .div_ceil(F::WRITE_SIZE)
             .saturating_mul(F::WRITE_SIZE);
         let at = self.pages.get(page).copied().ok_or(StoreError)?;
-        let end = at.saturating_add(F::ERASE_SIZE as u32);
+        let end = at.saturating_add(Self::PAGE as u32);
         self.flash.erase(at, end).map_err(|_| StoreError)?;
         let bytes = bytes.get(..blocks).ok_or(StoreError)?;
         self.flash.write(at, bytes).map_err(|_| StoreError)
     }
 
-    /// The newest valid record and its page.
-    fn newest(&mut self) -> Option<(usize, Record)> {
-        match (self.record(0), self.record(1)) {
+    /// The page with the newest valid record, and its count.
+    fn newest(&mut self) -> Option<(usize, u32)> {
+        let [first, second] = [0, 1].map(|page| self.record(page).map(|record| record.count));
+        match (first, second) {
             // The count wraps: the newer one is just ahead.
-            (Some(a), Some(b)) if b.count.wrapping_sub(a.count) < 1 << 31 => Some((1, b)),
+            (Some(a), Some(b)) if b.wrapping_sub(a) < 1 << 31 => Some((1, b)),
             (Some(a), _) => Some((0, a)),
             (None, b) => b.map(|b| (1, b)),
         }
     }
 
     fn record(&mut self, page: usize) -> Option<Record> {
-        let mut bytes = [0; ROOM];
+        let mut bytes = [0; MOST_RECORD];
         self.flash
             .read(self.pages.get(page).copied()?, &mut bytes)
             .ok()?;

@@ -1,11 +1,14 @@
-//! A learned synergy and its chain as the arm controller's settings: a Rust constant, a flash page's record, or JSON.
+//! A learned synergy, its chain and its map as the arm controller's settings: a Rust constant, a flash page's record, or
+//! JSON.
 
 use std::fmt::{self, Write as _};
 
+use sinew::map::INPUTS;
 use sinew_protocol as wire;
 use sinew_protocol::frame::CHECK;
 
 use crate::chain::{ChainDescription, ChainError, KindDescription, TransformDescription};
+use crate::map::LearnedMap;
 use crate::problem::{ModelKind, StepperKind};
 use crate::synergies::{LearnedMotion, Synergies};
 
@@ -30,6 +33,9 @@ pub enum ExportError {
     /// The synergy is wrong.
     #[error("the synergy: {0}")]
     Synergy(#[from] sinew::Error),
+    /// The map is wrong.
+    #[error("the map: {0}")]
+    Map(sinew::Error),
     /// The encoder refused it.
     #[error("{0}")]
     Encoding(String),
@@ -41,10 +47,11 @@ impl ExportError {
     }
 }
 
-/// A motion's chain and synergy, with the default limits, as the controller takes them: each number rounded once.
+/// A motion's chain and synergy and the file's map, with the default limits, as the controller takes them: each number
+/// rounded once.
 ///
 /// # Errors
-/// A chain that is not of seven DoFs, or parameters that the core refuses.
+/// A chain that is not of seven DoFs, or parameters or a map that the core refuses.
 pub fn settings(
     synergies: &Synergies,
     motion: &LearnedMotion,
@@ -52,6 +59,11 @@ pub fn settings(
     Ok(wire::Settings {
         chain: Some(chain(synergies.chain_of(motion))?),
         synergy: Some(synergy(synergies, motion)?),
+        map: synergies
+            .map
+            .as_ref()
+            .map(|learned| map(synergies, learned))
+            .transpose()?,
         limits: wire::Limits::DEFAULT,
     })
 }
@@ -95,25 +107,70 @@ fn synergy(synergies: &Synergies, motion: &LearnedMotion) -> Result<wire::Synerg
         &parameters,
     )?;
     Ok(wire::Synergy {
-        stepper: match synergies.stepper {
-            StepperKind::Transpose => wire::Stepper::Transpose,
-            StepperKind::NormalisedTranspose => wire::Stepper::NormalisedTranspose,
-            StepperKind::PseudoInverse => wire::Stepper::PseudoInverse,
-            StepperKind::Damped => wire::Stepper::Damped,
-            StepperKind::SelectivelyDamped => wire::Stepper::SelectivelyDamped,
-        },
+        stepper: stepper(synergies.stepper),
         rate: synergies.lambda as f32,
-        model: match motion.model {
-            ModelKind::A => wire::Model::A,
-            ModelKind::B => wire::Model::B,
-            ModelKind::C => wire::Model::C,
-            ModelKind::D => wire::Model::D,
-        },
+        model: model(motion.model),
         parameters: parameters
             .as_slice()
             .try_into()
             .map_err(|_| ExportError::encoding("too many parameters"))?,
     })
+}
+
+fn map(synergies: &Synergies, learned: &LearnedMap) -> Result<wire::Map, ExportError> {
+    learned
+        .build::<f32, { wire::DOFS }>()
+        .map_err(ExportError::Map)?;
+    let inputs = |values: &[f64]| -> [f32; INPUTS] {
+        let mut out = [0.0; INPUTS];
+        for (to, &from) in out.iter_mut().zip(values) {
+            *to = from as f32;
+        }
+        out
+    };
+    // Terms that no parameter has are left out: an affine map is a third of a quadratic one.
+    let rows = &learned.coefficients;
+    let used = |row: &Vec<f64>| row.iter().rposition(|&x| x as f32 != 0.0);
+    let terms = rows
+        .iter()
+        .filter_map(used)
+        .max()
+        .map_or(1, |last| last + 1);
+    let coefficients = rows.iter().flat_map(|row| row.iter().take(terms));
+    Ok(wire::Map {
+        stepper: stepper(synergies.stepper),
+        rate: synergies.lambda as f32,
+        model: model(learned.model),
+        centre: inputs(&learned.centre),
+        scale: inputs(&learned.scale),
+        // No more than there is room for: the map was built.
+        coefficients: coefficients.map(|&x| x as f32).collect(),
+        targets: learned
+            .targets
+            .iter()
+            .map(|target| target.map(|x| x as f32))
+            .collect(),
+        radius: learned.radius as f32,
+    })
+}
+
+fn stepper(stepper: StepperKind) -> wire::Stepper {
+    match stepper {
+        StepperKind::Transpose => wire::Stepper::Transpose,
+        StepperKind::NormalisedTranspose => wire::Stepper::NormalisedTranspose,
+        StepperKind::PseudoInverse => wire::Stepper::PseudoInverse,
+        StepperKind::Damped => wire::Stepper::Damped,
+        StepperKind::SelectivelyDamped => wire::Stepper::SelectivelyDamped,
+    }
+}
+
+fn model(model: ModelKind) -> wire::Model {
+    match model {
+        ModelKind::A => wire::Model::A,
+        ModelKind::B => wire::Model::B,
+        ModelKind::C => wire::Model::C,
+        ModelKind::D => wire::Model::D,
+    }
 }
 
 fn transform(t: &TransformDescription) -> wire::Transform {
@@ -172,6 +229,7 @@ fn rust(settings: &wire::Settings, motion: &LearnedMotion) -> Result<String, fmt
     let (Some(chain), Some(synergy)) = (&settings.chain, &settings.synergy) else {
         return Err(fmt::Error);
     };
+    let map = settings.map.as_ref();
     let place = |t: &wire::Transform| {
         format!(
             "Transform {{ translation: {:?}, rotation: {:?} }}",
@@ -189,12 +247,19 @@ fn rust(settings: &wire::Settings, motion: &LearnedMotion) -> Result<String, fmt
         motion.file
     )?;
     writeln!(text)?;
-    writeln!(
-        text,
-        "use sinew_protocol::{{Chain, Joint, Limits, Model, Settings, Stepper, Synergy, Transform, Vec}};"
-    )?;
-    writeln!(text)?;
-    writeln!(text, "/// The chain and its synergy.")?;
+    // As rustfmt has it: the names of a map's too are more than a line holds.
+    text.push_str(match map {
+        None => {
+            "use sinew_protocol::{Chain, Joint, Limits, Model, Settings, Stepper, Synergy, Transform, Vec};\n\n\
+             /// The chain and its synergy.\n"
+        }
+        Some(_) => {
+            "use sinew_protocol::{\n    \
+                 Chain, Joint, Limits, Map, Model, Settings, Stepper, Synergy, Transform, Vec,\n\
+             };\n\n\
+             /// The chain, its synergy and the map.\n"
+        }
+    });
     writeln!(text, "#[allow(clippy::approx_constant)]")?;
     writeln!(text, "#[rustfmt::skip]")?;
     writeln!(text, "pub const SETTINGS: Settings = Settings {{")?;
@@ -233,6 +298,10 @@ fn rust(settings: &wire::Settings, motion: &LearnedMotion) -> Result<String, fmt
         synergy.parameters
     )?;
     writeln!(text, "    }}),")?;
+    match map {
+        Some(map) => map_constant(&mut text, map)?,
+        None => writeln!(text, "    map: None,")?,
+    }
     writeln!(
         text,
         "    limits: Limits {{ speed: {speed:?}, acceleration: {acceleration:?}, silence_ms: {silence_ms} }},"
@@ -255,4 +324,31 @@ fn rust(settings: &wire::Settings, motion: &LearnedMotion) -> Result<String, fmt
     writeln!(text, "#[rustfmt::skip]")?;
     writeln!(text, "pub const TARGET: [f32; 3] = {target:?};")?;
     Ok(text)
+}
+
+/// The map's part of it.
+fn map_constant(text: &mut String, map: &wire::Map) -> fmt::Result {
+    let wire::Map {
+        stepper,
+        rate,
+        model,
+        centre,
+        scale,
+        coefficients,
+        targets,
+        radius,
+    } = map;
+    writeln!(text, "    map: Some(Map {{")?;
+    writeln!(text, "        stepper: Stepper::{stepper:?},")?;
+    writeln!(text, "        rate: {rate:?},")?;
+    writeln!(text, "        model: Model::{model:?},")?;
+    writeln!(text, "        centre: {centre:?},")?;
+    writeln!(text, "        scale: {scale:?},")?;
+    writeln!(
+        text,
+        "        coefficients: Vec::from_array({coefficients:?}),"
+    )?;
+    writeln!(text, "        targets: Vec::from_array({targets:?}),")?;
+    writeln!(text, "        radius: {radius:?},")?;
+    writeln!(text, "    }}),")
 }

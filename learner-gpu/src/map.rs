@@ -17,6 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
+use sinew::real::Real;
 
 use crate::kernel::philox::philox;
 use crate::kernel::score::Ready;
@@ -104,31 +105,35 @@ pub struct Trial {
 }
 
 impl LearnedMap {
-    /// The map for N DoFs.
+    /// The map for N DoFs, in `f64` or with each number rounded to `f32`.
     ///
     /// # Errors
     /// What the core refuses.
-    pub fn build<const N: usize>(&self) -> Result<SynergyMap<f64, N>, sinew::Error> {
+    pub fn build<T: Real, const N: usize>(&self) -> Result<SynergyMap<T, N>, sinew::Error> {
         let wrong = |what, expected, found| sinew::Error::WrongCount {
             what,
             expected,
             found,
         };
         let inputs = |values: &[f64]| {
-            <[f64; INPUTS]>::try_from(values).map_err(|_| wrong("inputs", INPUTS, values.len()))
+            <[f64; INPUTS]>::try_from(values)
+                .map(|values| values.map(T::of))
+                .map_err(|_| wrong("inputs", INPUTS, values.len()))
         };
         let row = |row: &Vec<f64>| {
             <[f64; TERMS]>::try_from(row.as_slice())
+                .map(|row| row.map(T::of))
                 .map_err(|_| wrong("coefficients", TERMS, row.len()))
         };
         let rows = self.coefficients.iter().map(row);
+        let targets = self.targets.iter().map(|target| target.map(T::of));
         SynergyMap::new(
             self.model.into(),
             inputs(&self.centre)?,
             inputs(&self.scale)?,
             &rows.collect::<Result<Vec<_>, _>>()?,
-            &self.targets,
-            self.radius,
+            &targets.collect::<Vec<_>>(),
+            T::of(self.radius),
         )
     }
 
@@ -150,7 +155,7 @@ impl LearnedMap {
         seconds: f64,
     ) -> Result<(Vec<f64>, f64), sinew::Error> {
         with_dofs!(dofs, N => {
-            let planned = self.build::<N>()?.plan(&Reach { target, seconds })?;
+            let planned = self.build::<f64, N>()?.plan(&Reach { target, seconds })?;
             Ok((planned.parameters.to_vec(), planned.confidence))
         }, else Err(sinew::Error::WrongCount { what: "DoFs", expected: 7, found: dofs }))
     }

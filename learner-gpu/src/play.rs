@@ -154,27 +154,40 @@ impl Port {
         }
     }
 
-    /// Loads chain and synergy where they are given, goes to `target` (metres) and tells `each` report until the arm is
-    /// at rest: the last one. The controller's limits stay as they are.
+    /// Loads what is given and begins a motion to `target` (metres): with the synergy that is loaded, or, where it is
+    /// told how many seconds the reach is to take, with one of the map's, and then how far that is to be trusted. The
+    /// controller's limits stay as they are.
     ///
     /// # Errors
-    /// As [`Port::ask`]; or an arm that does not come to rest.
-    pub fn play(
+    /// As [`Port::ask`].
+    pub fn begin(
         &mut self,
-        load: Option<&sinew_protocol::Settings>,
+        load: &[Request],
         target: [f32; 3],
-        mut each: impl FnMut(&Report),
-    ) -> Result<Report, PlayError> {
+        seconds: Option<f32>,
+    ) -> Result<Option<f32>, PlayError> {
         self.ask(&Request::Hold)?;
-        if let Some(chain) = load.and_then(|load| load.chain.clone()) {
-            self.at_rest(&Request::LoadChain(chain))?;
-        }
-        if let Some(synergy) = load.and_then(|load| load.synergy.clone()) {
-            self.at_rest(&Request::LoadSynergy(synergy))?;
+        for request in load {
+            self.at_rest(request)?;
         }
         // Faults from before are not this motion's.
         self.report()?;
-        self.ask(&Request::GoTo(target))?;
+        let request = match seconds {
+            Some(seconds) => Request::Reach { target, seconds },
+            None => Request::GoTo(target),
+        };
+        match self.ask(&request)? {
+            Reply::Done => Ok(None),
+            Reply::Reaching(confidence) => Ok(Some(confidence)),
+            other => Err(PlayError::Unexpected(Box::new(other))),
+        }
+    }
+
+    /// Tells `each` report until the arm is at rest: the last one.
+    ///
+    /// # Errors
+    /// As [`Port::ask`]; or an arm that does not come to rest.
+    pub fn watch(&mut self, mut each: impl FnMut(&Report)) -> Result<Report, PlayError> {
         let began = Instant::now();
         while began.elapsed() < LONGEST {
             let report = self.report()?;

@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use sinew::controller::{Controller, Limits};
+use sinew::map::Reach;
 use sinew::target::Position;
 use sinew_firmware::arm::NEAR;
 use sinew_firmware::node::Node;
@@ -20,9 +21,11 @@ use sinew_firmware::store::Store;
 use sinew_firmware::{convert, learned};
 use sinew_learn::export::{Format, export, settings};
 use sinew_learn::kernel::score::Ready;
+use sinew_learn::problem::ModelKind;
 use sinew_learn::synergies::Synergies;
 use sinew_learn::task::Task;
-use sinew_protocol::{MOST_FRAME, Settings};
+use sinew_protocol::frame::CHECK;
+use sinew_protocol::{Faults, MOST_REPLY, Record, Reply, Request, Settings};
 
 fn firmware() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-example")
@@ -34,13 +37,15 @@ fn shipped() -> Synergies {
 }
 
 /// Two pages of flash.
-struct Flash([u8; 2048]);
+struct Flash([u8; 2 * PAGE]);
+
+const PAGE: usize = Store::<Flash>::PAGE;
 
 impl Flash {
     fn with(record: &[u8]) -> Store<Flash> {
-        let mut bytes = [0xff; 2048];
+        let mut bytes = [0xff; 2 * PAGE];
         bytes[..record.len()].copy_from_slice(record);
-        Store::new(Flash(bytes), [0, 1024])
+        Store::new(Flash(bytes), [0, PAGE as u32])
     }
 }
 
@@ -106,6 +111,86 @@ fn the_firmware_reads_the_record_from_its_flash() {
         let mut damaged = record.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
         assert!(Flash::with(&damaged).load().is_none(), "bit {bit}");
+    }
+}
+
+#[test]
+fn a_record_of_another_layout_is_refused() {
+    let settings = settings(&shipped(), &shipped().motions[0]).unwrap();
+    let checked = |mut bytes: Vec<u8>| {
+        bytes.extend(CHECK.checksum(&bytes).to_le_bytes());
+        bytes
+    };
+    // The layout before there were maps; and its number on this one's.
+    let Settings {
+        chain,
+        synergy,
+        limits,
+        ..
+    } = &settings;
+    let before = postcard::to_stdvec(&(1u16, 0u32, chain, synergy, limits)).unwrap();
+    let record = |format| Record {
+        format,
+        count: 0,
+        settings: settings.clone(),
+    };
+    let number = postcard::to_stdvec(&record(1)).unwrap();
+    for bytes in [before, number].map(checked) {
+        assert!(Flash::with(&bytes).load().is_none());
+        let mut node = Node::new(Flash::with(&bytes)).unwrap();
+        assert!(report(&mut node).faults.has(Faults::STORAGE));
+    }
+    let present = postcard::to_stdvec(&record(sinew_protocol::FORMAT)).unwrap();
+    assert!(Flash::with(&checked(present)).load().is_some());
+}
+
+fn report(node: &mut Node<Flash>) -> sinew_protocol::Report {
+    let request = sinew_protocol::Envelope {
+        sequence: 1,
+        body: Request::Report,
+    };
+    let (mut there, mut back) = ([0; 64], [0; MOST_REPLY]);
+    let frame = sinew_protocol::encode(&request, &mut there).unwrap();
+    let mut receiver = sinew_protocol::Receiver::new();
+    for &byte in frame.iter() {
+        for &byte in node.receive(byte, &mut back).unwrap_or(&[]) {
+            if let Some(Ok(sinew_protocol::Envelope {
+                body: Reply::Report(report),
+                ..
+            })) = receiver.take(byte)
+            {
+                return report;
+            }
+        }
+    }
+    panic!("no report")
+}
+
+#[test]
+fn the_firmware_plans_what_the_map_gives_on_the_host() {
+    let synergies = shipped();
+    let learned = synergies.map.as_ref().unwrap();
+    let host = learned.build::<f32, 7>().unwrap();
+    let settings = settings(&synergies, &synergies.motions[0]).unwrap();
+    let there = convert::planner(&settings.map.unwrap()).unwrap();
+    let apart = |a: f64, b: f64| (a - b).abs();
+    for step in 0..100 {
+        // A line through the region, and out of it on both sides.
+        let part = f64::from(step) / 99.0;
+        let (target, seconds) = ([0.8 * part - 0.4, 0.5 - 0.2 * part, 0.0], 0.5 + part);
+        let (parameters, confidence) = learned.plan(7, target, seconds).unwrap();
+        let reach = Reach {
+            target: target.map(|x| x as f32),
+            seconds: seconds as f32,
+        };
+        let [host, there] = [&host, &there.map].map(|map| map.plan(&reach).unwrap());
+        let bits = |planned: &[f32]| planned.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&host.parameters), bits(&there.parameters));
+        assert_eq!(host.confidence.to_bits(), there.confidence.to_bits());
+        assert!(apart(confidence, f64::from(there.confidence)) < 1e-5);
+        for (&wanted, &found) in parameters.iter().zip(&there.parameters) {
+            assert!(apart(wanted, f64::from(found)) < 1e-4, "{wanted}, {found}");
+        }
     }
 }
 
@@ -218,16 +303,21 @@ fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
     };
     let rust = |file: &str| sinew(&["export", file, "--format", "rust"]);
     let short = changed("short.json", &|synergies| {
+        synergies.map = None;
         synergies.chain.joints.pop();
         let motion = &mut synergies.motions[0];
         motion.initial_posture.pop();
-        motion.parameters.remove(0);
+        (motion.model, motion.parameters) = (ModelKind::A, vec![1.0]);
     });
     ends(&rust(&short), 2, &["short.json", "6 joints", "7"]);
     let large = changed("large.json", &|synergies| {
         synergies.motions[0].parameters[2] = 1e300;
     });
     ends(&rust(&large), 2, &["large.json", "synergy"]);
+    let flat = changed("flat.json", &|synergies| {
+        synergies.map.as_mut().unwrap().scale[0] = 1e-60;
+    });
+    ends(&rust(&flat), 2, &["flat.json", "the map"]);
     let empty = changed("empty.json", &|synergies| synergies.motions.clear());
     ends(&rust(&empty), 2, &["no motions"]);
     ends(&rust("nowhere.json"), 2, &["nowhere.json"]);
@@ -258,6 +348,25 @@ fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
     ends(&play("127.0.0.1:1", "0,0,NaN"), 2, &["NaN"]);
     ends(&play("127.0.0.1:1", "0,0,1e300"), 2, &["metres"]);
     ends(&play("127.0.0.1:1", "-1e9,0,1e39"), 2, &["metres"]);
+    let bare = changed("bare.json", &|synergies| synergies.map = None);
+    let timed = |more: &[&str]| {
+        let timed = [
+            "play",
+            "--port",
+            "127.0.0.1:1",
+            "--target",
+            "0,0,0",
+            "--seconds",
+        ];
+        sinew(&[&timed, more].concat())
+    };
+    ends(&timed(&["1", &bare]), 2, &["--seconds", "no map"]);
+    ends(&timed(&["0", &file]), 2, &["seconds"]);
+    ends(
+        &timed(&["1", &file, "--motion", "reach_05"]),
+        2,
+        &["--motion"],
+    );
     let alone = [
         "play", "--motion", "reach_05", "--port", "x:1", "--target", "0,0,0",
     ];
@@ -304,7 +413,7 @@ impl Drop for Controlled {
 fn serve(node: &mut Node<Flash>, line: &mut TcpStream, over: &AtomicBool) {
     line.set_read_timeout(Some(Duration::from_millis(1)))
         .unwrap();
-    let (mut bytes, mut reply) = ([0; 64], [0; MOST_FRAME]);
+    let (mut bytes, mut reply) = ([0; 64], [0; MOST_REPLY]);
     while !over.load(Ordering::Relaxed) {
         // A slow machine may be late: the motion is the same, in fewer reports.
         for _ in 0..4 {
@@ -347,9 +456,10 @@ fn play_loads_starts_and_records_and_the_hand_ends_at_the_target() {
     let target = format!("{x},{y},{z}");
     let options = ["--port", &chip.port, "--csv", csv.to_str().unwrap()];
     let mut arguments = vec!["play", file.to_str().unwrap(), "--target", &target];
+    arguments.extend(["--motion", "reach_05"]);
     arguments.extend(options);
     let output = sinew(&arguments);
-    ends(&output, 0, &["reach_05.csv"]);
+    ends(&output, 0, &["the synergy of", "reach_05.csv"]);
     assert!(String::from_utf8_lossy(&output.stdout).contains("at rest"));
     let distance = column(&csv, "distance");
     assert!(distance.len() > 10 && distance[0] > 0.1);
@@ -371,6 +481,46 @@ fn play_loads_starts_and_records_and_the_hand_ends_at_the_target() {
     thread::sleep(Duration::from_millis(200));
     let tip = *chip.tip.lock().unwrap();
     assert!(tip.iter().map(|x| x * x).sum::<f32>().sqrt() > 0.6);
+}
+
+#[test]
+fn play_loads_a_map_once_and_then_the_controller_plans_by_itself() {
+    let chip = Controlled::start();
+    let folder = tempfile::tempdir().unwrap();
+    let csv = folder.path().join("telemetry.csv");
+    let file = firmware().join("learned.json");
+    let play = |target: &str, more: &[&str]| {
+        let csv = csv.to_str().unwrap();
+        let target = [
+            "play", "--port", &chip.port, "--csv", csv, "--target", target,
+        ];
+        sinew(&[&target, more].concat())
+    };
+    // Nothing to plan with yet.
+    ends(&play("0.2,0.42,-0.1", &["--seconds", "0.8"]), 1, &["NoMap"]);
+    let [x, y, z] = learned::TARGET;
+    let known = play(&format!("{x},{y},{z}"), &[file.to_str().unwrap()]);
+    ends(&known, 0, &["the map, confidence 1.00"]);
+    // From now on target and time are enough.
+    for (target, words) in [
+        ([0.2, 0.42, -0.1], "confidence 0.6"),
+        ([-0.1, 0.5, -0.12], "confidence 0.7"),
+        ([-0.05, 0.25, -0.5], "not to be trusted"),
+    ] {
+        let [x, y, z] = target;
+        let reached = play(&format!("{x},{y},{z}"), &["--seconds", "0.8"]);
+        ends(&reached, 0, &[words]);
+        for (wanted, name) in target.iter().zip(["x", "y", "z"]) {
+            let last = *column(&csv, name).last().unwrap();
+            assert!((last - wanted).abs() < f64::from(NEAR), "{name} {last}");
+        }
+    }
+    // A synergy is a synergy still.
+    let own = play(
+        "0.2,0.42,-0.1",
+        &[file.to_str().unwrap(), "--motion", "reach_05"],
+    );
+    ends(&own, 0, &["the synergy of"]);
 }
 
 #[test]

@@ -5,10 +5,20 @@ use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::message::Envelope;
+use crate::message::{Envelope, MOST_MAP};
 
-/// No frame is longer, its closing zero included, in bytes: room for a chain whose every number is the longest.
-pub const MOST_FRAME: usize = 512;
+/// No frame is longer, its closing zero included, in bytes: room for a map of the richest model with every term and
+/// every target, its number, its kind, its CRC, and a byte of COBS in 254.
+///
+/// A map comes in one frame and not in pieces: it is there whole or not at all, and nobody has to remember a half. That
+/// is a fifth of a second at 115,200 baud, and a buffer of 2 KB.
+pub const MOST_FRAME: usize = {
+    let bytes = MOST_MAP + 5 + 1 + 4;
+    bytes + bytes / 254 + 2
+};
+
+/// No reply's frame is longer.
+pub const MOST_REPLY: usize = 96;
 
 /// CRC-32C: what frames and what is stored end with.
 pub const CHECK: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
@@ -25,7 +35,7 @@ pub enum FrameError {
 /// A message as a frame, closing zero included.
 ///
 /// # Errors
-/// A buffer that is too short; [`MOST_FRAME`] bytes are enough for every message.
+/// A buffer that is too short; [`MOST_FRAME`] bytes are enough for every message, [`MOST_REPLY`] for every reply.
 ///
 /// ```
 /// use sinew_protocol::{Envelope, MOST_FRAME, Receiver, Request, encode};
@@ -109,9 +119,9 @@ fn decode<T: DeserializeOwned>(frame: &mut [u8]) -> Result<Envelope<T>, FrameErr
 mod tests {
     use super::*;
     use crate::message::*;
-    use std::vec::Vec;
+    use sinew::map::{INPUTS, MOST_TARGETS, TERMS};
 
-    fn receive(bytes: &[u8]) -> Vec<Result<Envelope<Request>, FrameError>> {
+    fn receive(bytes: &[u8]) -> std::vec::Vec<Result<Envelope<Request>, FrameError>> {
         let mut receiver = Receiver::new();
         bytes
             .iter()
@@ -119,14 +129,27 @@ mod tests {
             .collect()
     }
 
-    fn request(sequence: u32, body: Request) -> (Envelope<Request>, Vec<u8>) {
+    fn request(sequence: u32, body: Request) -> (Envelope<Request>, std::vec::Vec<u8>) {
         let message = Envelope { sequence, body };
         let mut buffer = [0; MOST_FRAME];
         let frame = encode(&message, &mut buffer).map(|frame| frame.to_vec());
         (message, frame.unwrap_or_default())
     }
 
-    fn longest() -> Request {
+    fn longest_map() -> Request {
+        Request::LoadMap(Map {
+            stepper: Stepper::SelectivelyDamped,
+            rate: -1e4,
+            model: Model::D,
+            centre: [-1e4; INPUTS],
+            scale: [1e3; INPUTS],
+            coefficients: Vec::from_array([-1e4; 3 * DOFS * TERMS]),
+            targets: Vec::from_array([[-1e4; 3]; MOST_TARGETS]),
+            radius: 1e3,
+        })
+    }
+
+    fn longest_chain() -> Request {
         let transform = Transform {
             translation: [-1e4; 3],
             rotation: [0.5; 4],
@@ -148,10 +171,59 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_request_fits_a_frame() {
-        let (message, frame) = request(u32::MAX, longest());
-        assert!(frame.len() < MOST_FRAME, "{}", frame.len());
-        assert_eq!(receive(&frame), [Ok(message)]);
+    fn the_longest_requests_fit_a_frame() {
+        for longest in [longest_chain(), longest_map()] {
+            let (message, frame) = request(u32::MAX, longest);
+            assert!((1..=MOST_FRAME).contains(&frame.len()), "{}", frame.len());
+            assert_eq!(receive(&frame), [Ok(message)]);
+        }
+    }
+
+    #[test]
+    fn the_longest_reply_fits_its_buffer() {
+        let reply = Envelope {
+            sequence: u32::MAX,
+            body: Reply::Report(Report {
+                mode: Mode::Stopped,
+                faults: Faults(u8::MAX),
+                ticks: u32::MAX,
+                angles: [-1e4; DOFS],
+                tip: [-1e4; 3],
+                distance: 1e4,
+                cost: u32::MAX,
+                worst_cost: u32::MAX,
+            }),
+        };
+        assert!(encode(&reply, &mut [0; MOST_REPLY]).is_ok());
+    }
+
+    #[test]
+    fn the_longest_settings_fit_a_record() {
+        let (Request::LoadChain(chain), Request::LoadMap(map)) = (longest_chain(), longest_map())
+        else {
+            panic!("other requests");
+        };
+        let synergy = Synergy {
+            stepper: map.stepper,
+            rate: map.rate,
+            model: map.model,
+            parameters: Vec::from_array([-1e4; 3 * DOFS]),
+        };
+        let record = Record {
+            format: u16::MAX,
+            count: u32::MAX,
+            settings: Settings {
+                chain: Some(chain),
+                synergy: Some(synergy),
+                map: Some(map),
+                limits: Limits {
+                    silence_ms: u32::MAX,
+                    ..Limits::DEFAULT
+                },
+            },
+        };
+        let mut bytes = [0; MOST_RECORD];
+        assert!(postcard::to_slice_crc32(&record, &mut bytes, CHECK.digest()).is_ok());
     }
 
     #[test]

@@ -18,5 +18,5 @@ extern crate std;
 pub mod frame;
 pub mod message;
 
-pub use frame::{FrameError, MOST_FRAME, Receiver, encode};
+pub use frame::{FrameError, MOST_FRAME, MOST_REPLY, Receiver, encode};
 pub use message::*;

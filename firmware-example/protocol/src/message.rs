@@ -3,6 +3,7 @@
 /// The vector that messages hold, for who writes one out.
 pub use heapless::Vec;
 use serde::{Deserialize, Serialize};
+use sinew::map::{INPUTS, MOST_TARGETS, TERMS};
 
 /// Degrees of freedom (DoFs) of the arm: fixed, so that every buffer is.
 pub const DOFS: usize = 7;
@@ -19,13 +20,14 @@ pub struct Envelope<T> {
 /// What a host asks for.
 #[expect(
     clippy::large_enum_variant,
-    reason = "there is no heap to box a chain on"
+    reason = "there is no heap to box a chain or a map on"
 )]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
     /// How the arm is.
     Report,
-    /// Take the tip to this point, metres in the base frame. A motion that runs is changed without a jump.
+    /// Take the tip to this point, metres in the base frame, with the synergy that is loaded. A motion that runs is
+    /// changed without a jump.
     GoTo([f32; 3]),
     /// Brake and keep the posture. Also ends a stop.
     Hold,
@@ -37,6 +39,15 @@ pub enum Request {
     LoadChain(Chain),
     /// Keep these limits from now on, and after a reset. Only at rest.
     SetLimits(Limits),
+    /// Use this map from now on, and after a reset. Only at rest.
+    LoadMap(Map),
+    /// As [`Request::GoTo`], with the synergy that the map gives for this reach. The reply is [`Reply::Reaching`].
+    Reach {
+        /// The target, metres in the base frame.
+        target: [f32; 3],
+        /// How long a person would take.
+        seconds: f32,
+    },
 }
 
 /// What the controller answers.
@@ -48,6 +59,9 @@ pub enum Reply {
     Report(Report),
     /// It was refused, and nothing changed.
     Refused(Refusal),
+    /// It is under way, with a synergy of the map. How far to trust that: 1 at a target that the map was learned from,
+    /// 0 at its radius from the nearest and beyond.
+    Reaching(f32),
 }
 
 /// Why a request was refused.
@@ -72,6 +86,8 @@ pub enum Refusal {
     Stopped,
     /// The flash page did not take it.
     Storage,
+    /// Only possible after [`Request::LoadMap`].
+    NoMap,
 }
 
 /// What is wrong with a value.
@@ -189,6 +205,32 @@ pub struct Synergy {
     pub parameters: Vec<f32, { 3 * DOFS }>,
 }
 
+/// A learned map from reaches to synergies, as the core's `SynergyMap`, and the stepper it belongs to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Map {
+    /// The stepper.
+    pub stepper: Stepper,
+    /// Its rate λ, as a synergy's.
+    pub rate: f32,
+    /// The model.
+    pub model: Model,
+    /// The middle of each input: the target's x, y and z, and the time.
+    pub centre: [f32; INPUTS],
+    /// What each input is divided by.
+    pub scale: [f32; INPUTS],
+    /// The coefficients, parameter by parameter, as many for each: of the core's terms the first. Those left out are 0,
+    /// so that an affine map is a third as long as a quadratic one.
+    pub coefficients: Vec<f32, { 3 * DOFS * TERMS }>,
+    /// Targets it was learned from.
+    pub targets: Vec<[f32; 3], MOST_TARGETS>,
+    /// How far from these it is trusted.
+    pub radius: f32,
+}
+
+/// No map is longer, in bytes: two enumerations, the numbers, and the lengths of two vectors.
+pub const MOST_MAP: usize =
+    2 + 4 * (1 + 2 * INPUTS + 3 * DOFS * TERMS + 3 * MOST_TARGETS + 1) + 2 * 3;
+
 /// One DoF of a chain, as the core's `Joint`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Joint {
@@ -255,6 +297,8 @@ pub struct Settings {
     pub chain: Option<Chain>,
     /// The synergy; none: the bare controller.
     pub synergy: Option<Synergy>,
+    /// The map; none: nothing to plan with.
+    pub map: Option<Map>,
     /// The limits.
     pub limits: Limits,
 }
@@ -264,13 +308,17 @@ impl Default for Settings {
         Settings {
             chain: None,
             synergy: None,
+            map: None,
             limits: Limits::DEFAULT,
         }
     }
 }
 
 /// Changes with a record's layout: a firmware refuses another's.
-pub const FORMAT: u16 = 1;
+pub const FORMAT: u16 = 2;
+
+/// No record is longer, its CRC-32C included, in bytes: a map, and a chain, a synergy and limits in the rest.
+pub const MOST_RECORD: usize = MOST_MAP + 640;
 
 /// Settings as a flash page holds them, followed by their CRC-32C (see [`crate::frame::CHECK`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

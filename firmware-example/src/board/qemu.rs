@@ -166,8 +166,9 @@ impl SetDutyCycle for Duty {
     }
 }
 
-/// Bytes of a page.
-const PAGE: usize = 1024;
+/// Bytes of an erase block, as a common chip has it, and of a page.
+const BLOCK: usize = 1024;
+const PAGE: usize = Store::<RamFlash>::PAGE;
 
 struct Pages(UnsafeCell<MaybeUninit<[u8; 2 * PAGE]>>);
 
@@ -225,7 +226,7 @@ impl ReadNorFlash for RamFlash {
 
 impl NorFlash for RamFlash {
     const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = PAGE;
+    const ERASE_SIZE: usize = BLOCK;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), OutOfBounds> {
         let length = to.checked_sub(from).ok_or(OutOfBounds)? as usize;

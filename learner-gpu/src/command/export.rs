@@ -10,7 +10,7 @@ use sinew_learn::synergies::Synergies;
 
 use super::{Failure, choose};
 
-/// Write a learned synergy, with its chain, as an arm controller takes it
+/// Write a learned synergy, with its chain and the file's map, as an arm controller takes it
 ///
 /// What is written is checked as the controller checks it. Numbers are rounded to f32 once.
 #[derive(clap::Args)]
@@ -65,8 +65,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         }
     }
     super::tell!(
-        "exported the synergy of {}, {} bytes",
+        "exported the synergy of {}{}, {} bytes",
         motion.file,
+        synergies.map.as_ref().map_or("", |_| " and the map"),
         bytes.len()
     );
     Ok(ExitCode::SUCCESS)

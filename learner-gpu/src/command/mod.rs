@@ -109,6 +109,14 @@ pub fn point(text: &str) -> Result<Point, String> {
     Ok([number(x)?, number(y)?, number(z)?])
 }
 
+/// Seconds that a reach may take.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 3600.0 => Ok(seconds),
+        _ => Err("expected seconds, above 0 and up to 3600".to_owned()),
+    }
+}
+
 /// The learned motion to take the synergy from, of those in `file`: the one of that name, else the one whose target is
 /// nearest, else the first.
 pub fn choose<'a>(
@@ -155,24 +163,30 @@ pub fn planned(
     let (Some(map), None) = (&synergies.map, name) else {
         return Ok((motion.clone(), own()));
     };
-    let usual = motion.frames.saturating_sub(1) as f64 / synergies.rate_hz;
-    let seconds = seconds.unwrap_or(usual);
+    let seconds = seconds.unwrap_or(usual(synergies, motion));
     let dofs = motion.initial_posture.len();
     let (parameters, confidence) = map
         .plan(dofs, target, seconds)
         .map_err(|error| Failure::input(format!("{}: map: {error}", file.display())))?;
-    let words = if confidence > 0.0 {
-        format!("a synergy of the map, confidence {confidence:.2}")
-    } else {
-        let from = format!("{:.0} cm from", map.radius * 100.0);
-        format!(
-            "a synergy of the map from where it ends ({from} the nearest learned target: not to be trusted)"
-        )
-    };
     let planned = LearnedMotion {
         model: map.model,
         parameters,
         ..motion.clone()
     };
-    Ok((planned, words))
+    Ok((planned, trust(confidence)))
+}
+
+/// How long a learned motion takes, seconds.
+pub fn usual(synergies: &Synergies, motion: &LearnedMotion) -> f64 {
+    motion.frames.saturating_sub(1) as f64 / synergies.rate_hz
+}
+
+/// A map's confidence in words.
+pub fn trust(confidence: f64) -> String {
+    if confidence > 0.0 {
+        format!("a synergy of the map, confidence {confidence:.2}")
+    } else {
+        "a synergy of the map from where it ends (no learned target is near: not to be trusted)"
+            .to_owned()
+    }
 }

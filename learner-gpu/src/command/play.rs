@@ -8,15 +8,16 @@ use sinew_learn::motion::Point;
 use sinew_learn::output;
 use sinew_learn::play::{PlayError, Port, csv, faults};
 use sinew_learn::synergies::Synergies;
-use sinew_protocol::{Faults, Report, Settings};
+use sinew_protocol::{Faults, Report, Request};
 
-use super::{Failure, planned, print};
+use super::{Failure, choose, print, trust, usual};
 
 /// Play a reach on an arm controller and show its telemetry
 ///
-/// Loads the chain and the synergy whose learned target is nearest, or the one named; without a file the controller
-/// keeps what it has. The controller holds the arm when this program ends on the way. A hand that comes to rest short
-/// of its target is a failure.
+/// Loads the chain and the file's map (`learn --map`), with which the controller itself plans for the target; from a
+/// file without one, or by name, a synergy: by itself the one whose learned target is nearest. Without a file the
+/// controller keeps what it has, and plans where it is told a time. It holds the arm when this program ends on the way.
+/// A hand that comes to rest short of its target is a failure.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The file that `sinew learn` wrote
@@ -31,6 +32,10 @@ pub struct Arguments {
     /// Use the synergy learned from this recording instead of the one with the nearest target
     #[arg(long, value_name = "RECORDING", requires = "file")]
     motion: Option<String>,
+    /// How long the reach is to take, which is what the map is asked for [default: as long as the learned one with the
+    /// nearest target]
+    #[arg(long, value_parser = super::seconds, conflicts_with = "motion")]
+    seconds: Option<f64>,
     /// Where to record the telemetry: a line each 20 ms or so
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -47,13 +52,23 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             "--target: expected metres that an f32 can hold",
         ));
     }
-    let load = load(arguments)?;
+    let Reach { load, seconds } = reach(arguments)?;
+    let refused = |error| match error {
+        PlayError::Refused(_) if !load.is_empty() => {
+            Failure::run(format!("{error}, of what was loaded or asked for"))
+        }
+        error => Failure::run(error),
+    };
     let mut port = Port::open(&arguments.port)
         .map_err(|error| Failure::input(format!("--port {}: {error}", arguments.port)))?;
     let mut reports: Vec<Report> = Vec::new();
     let mut printed = Ok(());
     let mut next = 0;
-    let played = port.play(load.as_ref(), target, |report| {
+    let begun = port.begin(&load, target, seconds);
+    if let Some(confidence) = begun.map_err(refused)? {
+        super::tell!("{}", trust(f64::from(confidence)));
+    }
+    let played = port.watch(|report| {
         if report.ticks >= next && printed.is_ok() {
             printed = print(&line(report));
             next = report.ticks.saturating_add(LINE);
@@ -66,12 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             .map_err(|error| Failure::run(format!("{}: {error}", path.display())))?;
     }
     printed?;
-    let last = played.map_err(|error| match error {
-        PlayError::Refused(_) if load.is_some() => {
-            Failure::run(format!("{error}, of what was loaded or asked for"))
-        }
-        error => Failure::run(error),
-    })?;
+    let last = played.map_err(Failure::run)?;
     print(&line(&last))?;
     let worst = reports.iter().map(|report| report.worst_cost).max();
     print(&format!(
@@ -95,18 +105,43 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
 }
 
-/// What to load.
-fn load(arguments: &Arguments) -> Result<Option<Settings>, Failure> {
+/// What to load, and for how many seconds to plan; none: with a synergy.
+struct Reach {
+    load: Vec<Request>,
+    seconds: Option<f32>,
+}
+
+fn reach(arguments: &Arguments) -> Result<Reach, Failure> {
+    let seconds = arguments.seconds.map(|seconds| seconds as f32);
     let Some(file) = &arguments.file else {
-        return Ok(None);
+        let load = Vec::new();
+        return Ok(Reach { load, seconds });
     };
     let synergies = Synergies::read(file).map_err(Failure::input)?;
     let name = arguments.motion.as_deref();
-    let (motion, from) = planned(&synergies, file, name, arguments.target, None)?;
-    let settings = settings(&synergies, &motion)
+    let motion = choose(&synergies, file, name, Some(arguments.target))?;
+    let settings = settings(&synergies, motion)
         .map_err(|error| Failure::input(format!("{}: {}: {error}", file.display(), motion.file)))?;
-    super::tell!("{from}");
-    Ok(Some(settings))
+    let mut load: Vec<Request> = settings.chain.map(Request::LoadChain).into_iter().collect();
+    // Not both: each takes the controller a second or two to write.
+    let seconds = match settings.map {
+        Some(map) if name.is_none() => {
+            load.push(Request::LoadMap(map));
+            seconds.or(Some(usual(&synergies, motion) as f32))
+        }
+        _ if seconds.is_some() => {
+            return Err(Failure::input(format!(
+                "--seconds: {} has no map that could plan for a time",
+                file.display()
+            )));
+        }
+        _ => {
+            load.extend(settings.synergy.map(Request::LoadSynergy));
+            super::tell!("the synergy of {}", motion.file);
+            None
+        }
+    };
+    Ok(Reach { load, seconds })
 }
 
 /// A report for people.

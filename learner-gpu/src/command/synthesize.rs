@@ -28,21 +28,14 @@ pub struct Arguments {
     /// Use the synergy learned from this recording instead of the one with the nearest target
     #[arg(long, value_name = "RECORDING")]
     motion: Option<String>,
-    /// How long the motion is, seconds [default: as long as the learned one]
-    #[arg(long)]
+    /// How long the motion is [default: as long as the learned one]
+    #[arg(long, value_parser = super::seconds)]
     seconds: Option<f64>,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
-    if let Some(seconds) = arguments.seconds
-        && !(seconds > 0.0 && seconds <= 3600.0)
-    {
-        return Err(Failure::Input(format!(
-            "--seconds is {seconds}, expected above 0 and up to 3600"
-        )));
-    }
     let (motion, from) = planned(
         &synergies,
         &arguments.file,

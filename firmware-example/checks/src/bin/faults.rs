@@ -6,12 +6,13 @@ use cortex_m::peripheral::SCB;
 use sinew_checks::say;
 use sinew_firmware::RATE_HZ;
 use sinew_firmware::board::qemu::{Qemu, RamFlash};
+use sinew_firmware::learned;
 use sinew_firmware::node::Node;
 use sinew_firmware::servo::Calibration;
 use sinew_firmware::store::Store;
 use sinew_protocol::{
-    Chain, Envelope, Faults, Joint, Limits, MOST_FRAME, Mode, Model, Reason, Receiver, Refusal,
-    Reply, Report, Request, Stepper, Synergy, Transform, encode,
+    Chain, Envelope, Faults, Joint, Limits, MOST_FRAME, Map, Mode, Model, Reason, Receiver,
+    Refusal, Reply, Report, Request, Stepper, Synergy, Transform, encode,
 };
 
 sinew_checks::entry!(all);
@@ -256,6 +257,10 @@ fn an_unreachable_target_ends_at_the_nearest_reach_without_shaking() -> Outcome 
             "not still",
         )?;
         check(report.distance < 0.02, "not at the nearest reach")?;
+        check(
+            report.faults.has(Faults::SHORT),
+            "it does not say that it fell short",
+        )?;
         check(motion.turns < 20, "it shook")?;
     }
     Ok(())
@@ -460,6 +465,140 @@ fn nothing_is_loaded_in_motion_and_nothing_moves_after_a_stop() -> Outcome {
     bench.done(Request::GoTo(FRONT))
 }
 
+/// The sample's map.
+fn map() -> Result<Map, &'static str> {
+    learned::SETTINGS.map.ok_or("no map")
+}
+
+/// With the arm and the map that were learned, in the posture to begin with.
+fn mapped() -> Result<Bench, &'static str> {
+    let mut bench = Bench::new()?;
+    bench.done(Request::LoadChain(
+        learned::SETTINGS.chain.ok_or("no chain")?,
+    ))?;
+    bench.done(Request::LoadMap(map()?))?;
+    bench.node.put(learned::START);
+    Ok(bench)
+}
+
+fn reach(target: [f32; 3]) -> Request {
+    Request::Reach {
+        target,
+        seconds: 0.8,
+    }
+}
+
+fn confidence(bench: &mut Bench, target: [f32; 3]) -> Result<f32, &'static str> {
+    match bench.ask(reach(target))? {
+        Reply::Reaching(confidence) => Ok(confidence),
+        _ => Err("refused"),
+    }
+}
+
+fn a_map_takes_the_hand_to_targets_not_learned_from() -> Outcome {
+    // Between learned targets; then far from all of them, but within the arm's reach.
+    for (target, near) in [
+        ([0.2, 0.42, -0.1], true),
+        ([-0.1, 0.5, -0.12], true),
+        ([0.1, 0.45, 0.1], true),
+        ([-0.05, 0.25, -0.5], false),
+    ] {
+        let mut bench = mapped()?;
+        let told = confidence(&mut bench, target)?;
+        let motion = bench.run(4)?;
+        motion.within(&Limits::DEFAULT)?;
+        let report = bench.report()?;
+        say!(
+            "  confidence {} %, {} um left after {} ms",
+            (told * 100.0) as i32,
+            (report.distance * 1e6) as i32,
+            report.ticks
+        );
+        check((told > 0.0) == near && told < 1.0, "another confidence")?;
+        check(
+            report.mode == Mode::Holding && report.distance < 1e-2,
+            "not there",
+        )?;
+    }
+    let learned = map()?.targets;
+    let mut bench = mapped()?;
+    let told = confidence(&mut bench, *learned.first().ok_or("no target")?)?;
+    check(told == 1.0, "a learned target is not trusted")
+}
+
+fn maps_that_are_none_are_refused() -> Outcome {
+    let mut bench = Bench::new()?;
+    bench.refused(reach(FRONT), Refusal::NoMap)?;
+    let not = |reason| Refusal::Invalid {
+        reason,
+        joint: None,
+    };
+    let wrong = |edit: fn(&mut Map)| -> Result<Request, &'static str> {
+        let mut wrong = map()?;
+        edit(&mut wrong);
+        Ok(Request::LoadMap(wrong))
+    };
+    for edit in [
+        |map: &mut Map| map.coefficients.iter_mut().for_each(|x| *x = f32::NAN),
+        |map: &mut Map| map.centre[0] = f32::INFINITY,
+        |map: &mut Map| map.targets.iter_mut().for_each(|x| x[2] = f32::NAN),
+        |map: &mut Map| map.radius = f32::NAN,
+    ] {
+        bench.refused(wrong(edit)?, not(Reason::NotFinite))?;
+    }
+    for edit in [
+        |map: &mut Map| map.coefficients.clear(),
+        |map: &mut Map| map.coefficients.truncate(20),
+        |map: &mut Map| map.model = Model::C,
+        |map: &mut Map| map.model = Model::A,
+        |map: &mut Map| map.targets.clear(),
+    ] {
+        bench.refused(wrong(edit)?, not(Reason::WrongCount))?;
+    }
+    for edit in [
+        |map: &mut Map| map.scale[1] = 0.0,
+        |map: &mut Map| map.radius = -1.0,
+        |map: &mut Map| map.rate = f32::NAN,
+    ] {
+        bench.refused(wrong(edit)?, not(Reason::OutOfRange))?;
+    }
+    bench.refused(reach(FRONT), Refusal::NoMap)?;
+    // A map that is refused leaves the one before.
+    bench.done(Request::LoadMap(map()?))?;
+    bench.refused(wrong(|map| map.scale[0] = -1.0)?, not(Reason::OutOfRange))?;
+    for seconds in [0.0, -1.0] {
+        let target = FRONT;
+        bench.refused(Request::Reach { target, seconds }, not(Reason::OutOfRange))?;
+    }
+    bench.refused(reach([0.1, f32::NAN, 0.2]), not(Reason::NotFinite))?;
+    bench.refused(reach([0.1, f32::INFINITY, 0.2]), not(Reason::NotFinite))?;
+    confidence(&mut bench, FRONT)?;
+    bench.go_on(100, &mut Motion::default())?;
+    bench.refused(Request::LoadMap(map()?), Refusal::Moving)?;
+    bench.done(Request::Stop)?;
+    bench.refused(reach(FRONT), Refusal::Stopped)
+}
+
+fn a_map_leaves_the_synergy_as_it_is() -> Outcome {
+    // With a map and without, and with a reach of the map's before: the same bits.
+    let mut ends = [[0; 7]; 2];
+    for (with_map, end) in [false, true].into_iter().zip(&mut ends) {
+        let mut bench = Bench::new()?;
+        bench.take(Stepper::PseudoInverse, 10.0)?;
+        if with_map {
+            bench.done(Request::LoadMap(map()?))?;
+            confidence(&mut bench, FRONT)?;
+            bench.done(Request::Hold)?;
+            bench.run(1)?;
+        }
+        bench.node.put(START);
+        bench.done(Request::GoTo(FRONT))?;
+        bench.go_on(300, &mut Motion::default())?;
+        *end = bench.node.arm().angles().map(f32::to_bits);
+    }
+    check(ends[0] == ends[1], "another motion")
+}
+
 fn frames_that_are_none_change_nothing() -> Outcome {
     let mut bench = Bench::new()?;
     let before = *bench.node.arm().angles();
@@ -539,14 +678,14 @@ fn a_damaged_record_leaves_the_one_before() -> Outcome {
     bench.done(Request::SetLimits(slow))?;
     bench.done(Request::SetLimits(slower))?;
     // The second record is in the second page: clear bits in it, as a failing flash would.
-    let page = RamFlash::ERASE_SIZE as u32;
-    RamFlash.write(page + 4, &[0; 4]).map_err(|_| "no flash")?;
+    let page = Store::<RamFlash>::PAGE as u32;
+    RamFlash.write(page + 8, &[0; 4]).map_err(|_| "no flash")?;
     let mut store = Store::new(RamFlash, [0, page]);
     check(
         store.load().is_some_and(|settings| settings.limits == slow),
         "not the one before",
     )?;
-    RamFlash.write(4, &[0; 4]).map_err(|_| "no flash")?;
+    RamFlash.write(8, &[0; 4]).map_err(|_| "no flash")?;
     let mut bench = Bench::boot()?;
     check(
         bench.report()?.faults.has(Faults::STORAGE),
@@ -573,6 +712,7 @@ fn before_a_reset() -> Outcome {
     let mut bench = Bench::new()?;
     bench.done(Request::LoadChain(chain()))?;
     bench.done(Request::LoadSynergy(synergy(Stepper::Damped, 9.0)))?;
+    bench.done(Request::LoadMap(map()?))?;
     bench.done(Request::SetLimits(Limits {
         speed: 1.0,
         acceleration: 10.0,
@@ -588,9 +728,11 @@ fn after_a_reset() -> Outcome {
         settings.synergy == Some(synergy(Stepper::Damped, 9.0)),
         "another synergy",
     )?;
+    check(settings.map == Some(map()?), "another map")?;
     check(settings.limits.silence_ms == 123, "other limits")?;
     let mut bench = Bench::boot()?;
     check(bench.report()?.faults == Faults::default(), "a fault")?;
+    confidence(&mut bench, FRONT)?;
     check(
         bench.node.arm().chain().upper()[6] == 2.0,
         "the arm has another chain",
@@ -602,9 +744,12 @@ fn all() -> bool {
         return false;
     };
     if !store.is_blank() {
-        return tell("chain, synergy and limits survive a reset", after_a_reset);
+        return tell(
+            "chain, synergy, map and limits survive a reset",
+            after_a_reset,
+        );
     }
-    let tests: [(&str, fn() -> Outcome); 11] = [
+    let tests: [(&str, fn() -> Outcome); 14] = [
         ("a reach ends at its target", a_reach_ends_at_its_target),
         (
             "an unreachable target ends at the nearest reach, without shaking",
@@ -626,6 +771,18 @@ fn all() -> bool {
         (
             "chains that are none are refused",
             chains_that_are_none_are_refused,
+        ),
+        (
+            "a map takes the hand to targets not learned from, and says how far to trust it",
+            a_map_takes_the_hand_to_targets_not_learned_from,
+        ),
+        (
+            "maps that are none are refused",
+            maps_that_are_none_are_refused,
+        ),
+        (
+            "a map leaves the synergy as it is",
+            a_map_leaves_the_synergy_as_it_is,
         ),
         (
             "nothing is loaded in motion, nothing moves after a stop",
