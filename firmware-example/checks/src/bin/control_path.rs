@@ -11,12 +11,17 @@ use core::hint::black_box;
 use cortex_m_rt::entry;
 use sinew::chain::human_arm;
 use sinew::controller::{Controller, Limits};
-use sinew::synergy::Synergy;
 use sinew::target::Position;
 #[cfg(not(feature = "all-steppers"))]
 use sinew::{
     controller::State,
     stepper::{Stepper, Transpose},
+    synergy::Synergy,
+};
+#[cfg(feature = "all-steppers")]
+use sinew::{
+    map::{INPUTS, Reach, SynergyMap, TERMS},
+    synergy::Model,
 };
 
 unsafe extern "C" {
@@ -46,8 +51,8 @@ fn sinew_tick(
 fn control() -> Option<[f32; 7]> {
     let [upper_arm, forearm, hand] = black_box([0.29, 0.25, 0.09]);
     let arm = human_arm::<f32>(upper_arm, forearm, hand).ok()?;
-    let gains = black_box([1.0; 7]);
-    let synergy = Synergy::c(gains, black_box(4.0), black_box(8.0)).ok()?;
+    #[cfg(not(feature = "all-steppers"))]
+    let synergy = Synergy::c(black_box([1.0; 7]), black_box(4.0), black_box(8.0)).ok()?;
     let target = Position::new(black_box([0.1, 0.3, -0.2])).ok()?;
     #[cfg(not(feature = "all-steppers"))]
     return {
@@ -66,6 +71,15 @@ fn control() -> Option<[f32; 7]> {
             sinew::target::Pose::new(black_box([0.1, 0.3, -0.2]), black_box([0.0, 0.0, 0.0, 1.0]))
                 .ok()?;
         let mut q = black_box([0.1; 7]);
+        let row = black_box([0.1; TERMS]);
+        let known = black_box([[0.3, 0.2, 0.1]]);
+        let inputs = black_box([1.0; INPUTS]);
+        let map = SynergyMap::new(Model::C, inputs, inputs, &[row; 9], &known, black_box(0.1));
+        let reach = Reach {
+            target: target.coordinates(),
+            seconds: black_box(1.0),
+        };
+        let synergy = map.ok()?.plan(&reach).ok()?.synergy;
         for (_, stepper) in sinew_checks::motions::steppers() {
             let rate = stepper.rate() as f32;
             let controller =

@@ -1,4 +1,5 @@
-//! Counts what a tick costs on a Cortex-M4F: instructions, and stack at worst inputs. A line each: name, number.
+//! Counts what a tick costs on a Cortex-M4F, and a plan by a map: instructions, and stack at worst inputs. A line each:
+//! name, number.
 //!
 //! Under QEMU's `-icount shift=7` an instruction takes 128 ns, and SysTick counts 40 ns: exact and repeatable.
 #![no_std]
@@ -11,14 +12,16 @@ use nalgebra::{SVector, Vector3};
 use sinew::Error;
 use sinew::chain::{Chain, human_arm};
 use sinew::controller::{Controller, Limits, State};
+use sinew::map::{MOST_TARGETS, Reach as Asked};
 use sinew::stepper::{
     Damped, NormalisedTranspose, PseudoInverse, SelectivelyDamped, Stepper, Transpose,
 };
-use sinew::synergy::Synergy;
+use sinew::synergy::{Model, Synergy};
 use sinew::target::Position;
-use sinew_checks::motions::{REACHES, Reach};
+use sinew_checks::motions::{REACHES, Reach, full, sample};
 use sinew_checks::plain::{Method, PlainArm};
 use sinew_checks::say;
+use sinew_firmware::planner::Planner;
 
 sinew_checks::entry!(all);
 
@@ -41,7 +44,8 @@ fn all() -> bool {
         .and_then(|()| core("NJt", NormalisedTranspose))
         .and_then(|()| core("J+", PseudoInverse))
         .and_then(|()| core("damped", Damped::default()))
-        .and_then(|()| core("selective", SelectivelyDamped::default()));
+        .and_then(|()| core("selective", SelectivelyDamped::default()))
+        .and_then(|()| plans());
     for (name, method) in [
         ("plain.Jt", Method::Transpose),
         ("plain.NJt", Method::NormalisedTranspose),
@@ -161,6 +165,29 @@ fn core<S: Stepper<f32> + Copy>(name: &str, stepper: S) -> Result<(), Error> {
     say!("instructions.{}.worst-inputs {}", name, singular);
     say!("stack.{} {}", name, stack);
     Ok(())
+}
+
+/// A plan by the sample's map, and by the largest one there can be.
+fn plans() -> Result<(), Error> {
+    plan("plan", &sample()?);
+    let most = &full(Model::D, &[[0.3, 0.2, 0.1]; MOST_TARGETS])?;
+    say!("stack.plan {}", plan("plan.worst-inputs", most));
+    say!("static.plan {}", size_of_val(&most.map));
+    Ok(())
+}
+
+/// The stack that it takes.
+#[inline(never)]
+fn plan(name: &str, planner: &Planner) -> usize {
+    let planner = black_box(planner);
+    let asked = black_box(Asked {
+        target: [0.2, 0.42, -0.1],
+        seconds: 0.8,
+    });
+    let mut plan = || drop(black_box(planner.map.plan(&asked)));
+    let stack = painted(&mut plan);
+    say!("instructions.{} {}", name, instructions(&mut plan));
+    stack
 }
 
 fn plain(name: &str, method: Method) {
