@@ -241,3 +241,80 @@ fn blocks(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::score::Ready;
+    use crate::problem::StepperKind;
+    use crate::refine::Landscape;
+    use crate::task::{Arm, facing};
+
+    /// A reach of the sample, made anew with known parameters.
+    fn made(model: ModelKind, parameters: &[f64]) -> Problem {
+        let reaches = crate::sample::shipped().unwrap();
+        let arm = Arm::Human(facing(&reaches));
+        let mut task = Task::new(&reaches[4], &arm, 60.0).unwrap();
+        let settings = Settings {
+            stepper: StepperKind::PseudoInverse,
+            model,
+            lambda: StepperKind::PseudoInverse.rate(),
+            rate_hz: 60.0,
+            clamped: false,
+        };
+        let frames = task.reference.len();
+        let mut reference = Vec::new();
+        let ready = Ready::<f64, 7>::new(&task).unwrap();
+        let visit = |_, at: &sinew::kinematics::Kinematics<'_, f64, 7>, _: &[f64; 7]| {
+            reference.push(at.landmarks().collect());
+        };
+        ready
+            .synthesise(&settings, parameters, frames, visit)
+            .unwrap();
+        task.reference = reference;
+        Problem {
+            settings,
+            tasks: vec![task],
+            sets: vec![vec![0]],
+            islands: 1,
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn the_first_guess_is_near_the_parameters_that_made_a_motion() {
+        let gains = [0.8, 1.2, 0.5, 1.0, 0.7, 1.1, 0.9];
+        let (offsets, slopes) = ([2.0, 3.0, 1.0, 4.0, 2.0, 3.0, 2.0], [6.0; 7]);
+        for (model, parameters) in [
+            (ModelKind::A, vec![0.6]),
+            (ModelKind::B, gains.to_vec()),
+            (ModelKind::C, [&gains[..], &[3.0, 7.0]].concat()),
+            (ModelKind::D, [gains, offsets, slopes].concat()),
+        ] {
+            let problem = made(model, &parameters);
+            let guesses = Guesses::new(&problem).unwrap();
+            let guess = guesses[0].draw(problem.genes(), |_| 0);
+            let middle = vec![GENE / 2; problem.genes()];
+            let landscape = Landscape::new(&problem).unwrap();
+            let scores = landscape.scores(&[(0, &guess), (0, &middle)]);
+            // Metres; from the middle of the bounds, where gains are 0, the arm does not move at all.
+            assert!(scores[0] < 0.004, "{model:?}: {scores:?}");
+            assert!(scores[1] > 0.03, "{model:?}: {scores:?}");
+        }
+    }
+
+    #[test]
+    fn every_draw_is_within_bounds_and_changes_only_its_block() {
+        let problem = made(ModelKind::D, &[1.0; 21]);
+        let guesses = &Guesses::new(&problem).unwrap()[0];
+        for draw in [0, 1 << 20, u32::MAX / 2, u32::MAX] {
+            let genes = guesses.draw(21, |block| draw.rotate_left(block as u32));
+            assert!(genes.iter().all(|&gene| gene <= GENE));
+            let mut changed = vec![7; 21];
+            guesses.put(&mut changed, 2 + 7, draw);
+            for (k, &gene) in changed.iter().enumerate() {
+                assert!(gene == 7 || k % 7 == 2);
+            }
+        }
+    }
+}

@@ -143,6 +143,51 @@ fn a_motion_to_a_new_target_is_a_recording_too() {
     );
 }
 
+#[test]
+fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let few = ["--map", "--stepper", "pseudo-inverse"];
+    assert!(learn(folder.path(), &few).status.success());
+    let known = folder.path().join("synergies.json");
+    let known = known.to_str().unwrap();
+
+    let second = tempfile::tempdir().unwrap();
+    let adapted = learn(second.path(), &[&few[..], &["--known", known]].concat());
+    assert!(adapted.status.success(), "{}", text(&adapted.stderr));
+    assert!(text(&adapted.stdout).contains("another's map, adapted"));
+
+    let out = folder.path().to_str().unwrap();
+    let transfer = |stepper| {
+        sinew(&[
+            "experiment",
+            "transfer",
+            "--known",
+            known,
+            "--most",
+            "2",
+            "--stepper",
+            stepper,
+            "--out",
+            out,
+        ])
+    };
+    let output = transfer("pseudo-inverse");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let written = std::fs::read_to_string(folder.path().join("transfer.csv")).unwrap();
+    let rows: Vec<&str> = written.lines().collect();
+    assert_eq!(rows[0], "reaches,adapted_cm,affine_cm,constant_cm");
+    assert_eq!(rows.len(), 1 + 3);
+    let cm = |row: usize, column: usize| -> f64 {
+        rows[row].split(',').nth(column).unwrap().parse().unwrap()
+    };
+    // The same person's own map serves the person better than one or two reaches do.
+    assert!(cm(2, 1) < cm(2, 2) && cm(2, 1) < cm(2, 3), "{written}");
+
+    let refused = transfer("transpose");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("PseudoInverse"));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence() {
