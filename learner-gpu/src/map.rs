@@ -31,8 +31,10 @@ use crate::task::{Task, TaskError};
 const FAR: f64 = 0.1;
 /// The weight of the squared coefficients, metres.
 const RIDGE: f64 = 1e-5;
-/// And of the squared differences from another person's, with one reach, metres.
-const KNOWN: f64 = 1.0;
+/// And of the squared differences from another person's, with one reach, metres; with n reaches, less by n³. One reach says
+/// little about a map, and is not to bend it; from six on a person's own reaches say more. (Chosen on one person's
+/// reaches with the maps of two others.)
+const KNOWN: f64 = 27.0;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
 /// A reach that is left out takes with it all whose targets are this near, metres.
@@ -600,11 +602,11 @@ impl<'a> Fit<'a> {
         sum / count + pull * away.columns_range(first..).norm_squared()
     }
 
-    /// The weight of squared coefficients, and the first column that it is on. What is known counts as much with one
-    /// reach as [`KNOWN`] says, and with many less and less.
+    /// The weight of squared coefficients (of their differences from what is known, where something is), and the first
+    /// column that it is on.
     fn pull(&self, reaches: &[usize]) -> (f64, usize) {
         match self.known {
-            Some(_) => (KNOWN / reaches.len().max(1) as f64, 0),
+            Some(_) => (KNOWN / (reaches.len().max(1) as f64).powi(3), 0),
             None => (RIDGE, 1),
         }
     }
