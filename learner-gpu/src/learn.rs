@@ -284,7 +284,8 @@ impl Search {
 
     /// Where this round's descents begin, and which member of which island gives way to what they find.
     ///
-    /// First the best of each island (of the best islands, where there are many), then the [`Way`]s in turn.
+    /// First the best of each island (of the best islands, where there are many: half of the descents are for the [`Way`]s
+    /// that follow, in turn).
     fn starts(&self, ground: &Ground<'_>) -> Vec<(Place, Start)> {
         let Ground {
             problem, guesses, ..
@@ -304,7 +305,8 @@ impl Search {
             order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
             let leaders = order
                 .iter()
-                .map(|&island| (island, islands[island].leader(), Way::Member));
+                .map(|&island| (island, islands[island].leader(), Way::Member))
+                .take(DESCENTS / 2);
             // Strides without a factor in common with an island's size meet every member in time.
             let turn = self.bests.len() * 7;
             let others = (0..ISLAND).flat_map(|k| {
