@@ -45,6 +45,8 @@ const LEAST_ROUNDS: usize = 4;
 
 /// Rounds of the search for the model within, at most.
 const MOST_POORER: u32 = 8;
+/// And its islands for each set.
+const MOST_ISLANDS_POORER: usize = 8;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -483,7 +485,7 @@ enum Way {
     Member,
     /// A guess from the recording.
     Guess,
-    /// Parts guessed anew.
+    /// Parts guessed anew; S_A's and S_C's guesses are of all parts at once.
     GuessAgain,
     /// Parts of another set's best, or of another island's where there is but one set.
     Graft,
@@ -506,6 +508,7 @@ fn poorer(
             model,
             ..problem.settings
         },
+        islands: problem.islands.min(MOST_ISLANDS_POORER),
         ..problem.clone()
     };
     let mut search = Search::new(&poorer);
@@ -515,9 +518,13 @@ fn poorer(
     }
     count.fetch_add(search.evaluations, Ordering::Relaxed);
     let start = |(island, found): (usize, &Island)| {
-        let place = Place { island, member: 0 };
+        let set = island / poorer.islands.max(1);
+        let place = Place {
+            island: set * problem.islands + island % poorer.islands.max(1),
+            member: 0,
+        };
         let start = Start {
-            set: island / problem.islands.max(1),
+            set,
             genes: places.iter().map(|&k| found.best[k]).collect(),
             beat: f32::INFINITY,
         };
@@ -662,7 +669,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("1 {backend} {problem:?}");
+        let identity = format!("2 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,

@@ -15,6 +15,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
 use sinew::real::Real;
@@ -32,8 +33,7 @@ const FAR: f64 = 0.1;
 /// The weight of the squared coefficients, metres.
 const RIDGE: f64 = 1e-5;
 /// And of the squared differences from another person's, with one reach, metres; with n reaches, less by n³. One reach says
-/// little about a map, and is not to bend it; from six on a person's own reaches say more. (Chosen on one person's
-/// reaches with the maps of two others.)
+/// little about a map, and is not to bend it; with many, their own say more.
 const KNOWN: f64 = 27.0;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
@@ -193,17 +193,22 @@ pub fn learn(
         neighbours(problem, &fit.landscape, own, 1)?,
         neighbours(problem, &fit.landscape, own, NEIGHBOURS)?,
     ];
-    let mut best: Option<(f64, Degree, DMatrix<f64>)> = None;
+    let mut best: Option<Best> = None;
     // Fits that begin with some weights, and how they do.
     let mut attempt = |fit: &Fit<'_>, name: &str, degree: Degree, from: &mut Weights| {
+        if stop.load(Ordering::Relaxed) {
+            return Ok(());
+        }
         tell(&format!("{name}, with {} groups left out", folds.len()));
-        let wider = |weights: &mut DMatrix<f64>| {
-            std::mem::take(weights).resize_horizontally(degree.terms(), 0.0)
-        };
-        from.whole = fit.descend(wider(&mut from.whole), &all);
+        let wider =
+            |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
+        from.whole = fit.descend(wider(&from.whole), &all);
+        let parts = folds.par_iter().zip(&from.parts);
+        from.parts = parts
+            .map(|((_, kept), part)| fit.descend(wider(part), kept))
+            .collect();
         let mut scored = Vec::new();
-        for ((left_out, kept), part) in folds.iter().zip(&mut from.parts) {
-            *part = fit.descend(wider(part), kept);
+        for ((left_out, _), part) in folds.iter().zip(&from.parts) {
             scored.extend(fit.points(part, left_out));
         }
         let trial = Trial {
@@ -212,8 +217,13 @@ pub fn learn(
             ..trial(problem, &fit.landscape, &scored)?
         };
         let score = trial.left_out_cm.unwrap_or(trial.fitted_cm);
-        if best.as_ref().is_none_or(|(least, ..)| score < *least) {
-            best = Some((score, degree, from.whole.clone()));
+        if best.as_ref().is_none_or(|best| score < best.score) {
+            best = Some(Best {
+                score,
+                degree,
+                weights: from.whole.clone(),
+                adapted: fit.known.is_some(),
+            });
         }
         trials.push(trial);
         Ok::<(), TaskError>(())
@@ -235,9 +245,24 @@ pub fn learn(
         let name = format!("{degree:?} map").to_lowercase();
         attempt(&fit, &name, degree, &mut from)?;
     }
-    let Some((_, degree, weights)) = best.filter(|_| !stop.load(Ordering::Relaxed)) else {
+    let Some(Best {
+        degree,
+        weights,
+        adapted,
+        ..
+    }) = best.filter(|_| !stop.load(Ordering::Relaxed))
+    else {
         return Ok(None);
     };
+    let own = problem.tasks.iter().map(|task| task.target);
+    let mut targets = spread_out(own.collect());
+    let mut radius = gap(problem, &folds).max(NEAR);
+    if let Some(known) = known.filter(|_| adapted) {
+        // It is still good where it was.
+        let room = MOST_TARGETS - targets.len();
+        targets.extend(known.targets.iter().take(room));
+        radius = radius.max(known.radius);
+    }
 
     let bounds = problem.settings.bounds(problem.dofs());
     let row = |(k, &(lower, upper)): (usize, &(f32, f32))| {
@@ -255,10 +280,19 @@ pub fn learn(
         centre: centre.to_vec(),
         scale: scale.to_vec(),
         coefficients: bounds.iter().enumerate().map(row).collect(),
-        targets: spread_out(problem),
-        radius: gap(problem, &folds).max(NEAR),
+        targets,
+        radius,
         trials,
     }))
+}
+
+/// The map that did best so far.
+struct Best {
+    score: f64,
+    degree: Degree,
+    weights: DMatrix<f64>,
+    /// Whether it is another's, adapted.
+    adapted: bool,
 }
 
 /// Weights fitted to all reaches, and for each fold to those that it keeps.
@@ -282,8 +316,10 @@ fn one_vector(
     reaches: &[usize],
     stop: &AtomicBool,
 ) -> Result<Option<DMatrix<f64>>, LearnError> {
+    let tasks = reaches.iter().map(|&reach| problem.tasks[reach].clone());
     let jointly = Problem {
-        sets: vec![reaches.to_vec()],
+        tasks: tasks.collect(),
+        sets: vec![(0..reaches.len()).collect()],
         islands: 1,
         ..problem.clone()
     };
@@ -310,11 +346,11 @@ pub struct Transfer {
 const CHOICES: u32 = 6;
 
 /// Learns from 1, 2, … up to `most` reaches of a person, with the `known` map of another and without it, and tries what
-/// was learned on the person's other reaches; means over a few choices of reaches. With 0 reaches: the known map as it
-/// is. None where `stop` was set meanwhile.
+/// was learned on the person's other reaches, also beyond where it is to be trusted; means over a few choices of reaches.
+/// With 0 reaches: the known map's polynomial as it is. None where `stop` was set meanwhile.
 ///
 /// # Errors
-/// A task that the core refuses; a known map of another model.
+/// A task that the core refuses.
 pub fn transfer(
     problem: &Problem,
     known: &LearnedMap,
@@ -523,8 +559,8 @@ fn trial(
 }
 
 /// The targets, or as many as a map holds, each as far from those before it as can be.
-fn spread_out(problem: &Problem) -> Vec<Point> {
-    let mut left: Vec<Point> = problem.tasks.iter().map(|task| task.target).collect();
+fn spread_out(targets: Vec<Point>) -> Vec<Point> {
+    let mut left = targets;
     let mut out = Vec::new();
     while out.len() < MOST_TARGETS && !left.is_empty() {
         let away = |point: &Point| {

@@ -185,7 +185,7 @@ fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
 
     let refused = transfer("transpose");
     assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("PseudoInverse"));
+    assert!(text(&refused.stderr).contains("expected Transpose"));
 }
 
 #[cfg(unix)]

@@ -159,7 +159,7 @@ fn planned(planner: &Planner, mut each: impl FnMut(u64)) -> Result<(), Error> {
     let arm = convert::chain(chain)?;
     let [known, other] = KNOWN;
     for k in 0..8u8 {
-        // On the line through the two, on to half its length beyond them.
+        // On the line through the two, and beyond either of them.
         let part = 0.25 * f32::from(k) - 0.5;
         let mut target = known;
         for (x, end) in target.iter_mut().zip(other) {

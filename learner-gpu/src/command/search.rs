@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use sinew_learn::chain::ChainDescription;
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
 use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
@@ -179,18 +180,44 @@ impl Options {
     }
 }
 
-/// The map of a file of synergies, made for the same model and stepper, and DoFs, as a problem.
+/// The map of a file of synergies, made for the same settings, DoFs, and way to face, as a problem.
 pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> {
     let wrong = |words: String| Failure::Input(format!("{}: {words}", file.display()));
     let known = Synergies::read(file).map_err(Failure::input)?;
+    let Settings { stepper, model, .. } = problem.settings;
+    let way = |chain: &ChainDescription| chain.joints.first().map(|joint| joint.rotation);
+    let task = problem.tasks.first();
+    let turned = known
+        .motions
+        .first()
+        .zip(task)
+        .is_some_and(|(motion, task)| way(known.chain_of(motion)) != way(&task.chain));
+    let same = |motion: &LearnedMotion| {
+        known.settings(motion)
+            == Settings {
+                model: motion.model,
+                ..problem.settings
+            }
+    };
+    if turned || !known.motions.iter().all(same) {
+        return Err(wrong(format!(
+            "it is not of the same kind: expected {stepper:?}, λ {}, {} Hz, {}, and people who face the same way",
+            problem.settings.lambda,
+            problem.settings.rate_hz,
+            if problem.settings.clamped {
+                "clamped"
+            } else {
+                "free"
+            },
+        )));
+    }
     let map = known
         .map
         .ok_or_else(|| wrong("no map in it: `sinew learn --map` makes one".to_owned()))?;
-    let Settings { stepper, model, .. } = problem.settings;
-    if (map.model, known.stepper) != (model, stepper) {
+    if map.model != model {
+        let found = map.model;
         return Err(wrong(format!(
-            "its map is for S_{:?} and {:?}, expected S_{model:?} and {stepper:?}",
-            map.model, known.stepper
+            "its map is for S_{found:?}, expected S_{model:?}"
         )));
     }
     let dofs = problem.dofs();

@@ -40,7 +40,8 @@ struct Place {
 /// An island's members.
 struct Members {
     genes: array<array<vec4u, ${island}>, ${gene_fours}>,
-    scores: array<vec4f, ${island // 4}>,
+    // One by one: members' threads store side by side, and a store to a vector's component may touch all of the vector.
+    scores: array<f32, ${island}>,
 }
 
 /// What is known of an island as a whole, as the generation begins.
@@ -114,21 +115,21 @@ fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
         //% for four in range(gene_fours)
         genes[${four}] = next[which].genes[${four}][me];
         //% endfor
-        before = next[which].scores[me / 4u][me % 4u];
+        before = next[which].scores[me];
     } else if run.generation == 0u {
         genes = first(draws);
     } else {
         genes = propose(draws, own, which, me, summaries[which].best);
     }
     var new_score = score(place, genes, before);
-    let current = members[which].scores[me / 4u][me % 4u];
+    let current = members[which].scores[me];
     if is_last(place) & !accepts(current, new_score, summaries[which].temperature, own[2]) {
         new_score = current;
         //% for four in range(gene_fours)
         genes[${four}] = members[which].genes[${four}][me];
         //% endfor
     }
-    next[which].scores[me / 4u][me % 4u] = new_score;
+    next[which].scores[me] = new_score;
     //% for four in range(gene_fours)
     next[which].genes[${four}][me] = genes[${four}];
     //% endfor
@@ -146,15 +147,13 @@ fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     var best = 0u;
     var least_score = UNSCORED;
     var sum = 0.0;
-    for (var four = 0u; four < ISLAND / 4u; four++) {
-        let scores = next[which].scores[four];
-        //% for lane in range(4)
-        sum = sum + scores[${lane}];
-        if scores[${lane}] < least_score {
-            least_score = scores[${lane}];
-            best = 4u * four + ${lane}u;
+    for (var member = 0u; member < ISLAND; member++) {
+        let score = next[which].scores[member];
+        sum = sum + score;
+        if score < least_score {
+            least_score = score;
+            best = member;
         }
-        //% endfor
     }
     let mean = sum / f32(ISLAND);
     summaries[which].mean = mean;
@@ -186,7 +185,7 @@ fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
     //% endfor
     var before = 0.0;
     if run.first_motion > 0u {
-        before = next[which].scores[me / 4u][me % 4u];
+        before = next[which].scores[me];
     }
-    next[which].scores[me / 4u][me % 4u] = score(place, genes, before);
+    next[which].scores[me] = score(place, genes, before);
 }
