@@ -2,8 +2,8 @@
 //!
 //! A round is
 //! 1. **anneal**: every island runs [`GENERATIONS_A_ROUND`] generations on the backend ([`crate::kernel::anneal`]);
-//! 2. **descend**: from the best members and from [`Way`]s to leave them, to the floors of their valleys
-//!    ([`crate::refine`]); a floor takes the place of the member it was found from;
+//! 2. **descend**: from the best members, from guesses ([`crate::guess`]) and from where the best is left by a part, to the
+//!    floors of their valleys ([`crate::refine`]); a floor takes the place of the member it was found from;
 //! 3. **exchange**: what is best for other sets of motions is tried on this one, descends too, and takes the place of an
 //!    island's worst member (migration between islands: Cohoon et al. 1987). Motions of one person have valleys in common,
 //!    and one that is rarely found needs to be found only once;
