@@ -59,7 +59,7 @@ fn distances(problem: &Problem, backend: &mut Backend, generations: u32) -> Vec<
         mean(&lanes),
         search.generation
     );
-    assert!(seconds < 120.0, "a learning run took {seconds:.1} s");
+    assert!(seconds < 60.0, "a learning run took {seconds:.1} s");
     distances
 }
 

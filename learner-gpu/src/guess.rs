@@ -10,12 +10,14 @@
 //! A motion strays from the recording as soon as it starts, so a guess is only near: a descent from it ends far below
 //! where one from anywhere does.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use sinew::controller::{Controller, Limits};
 use sinew::real::Real;
 use sinew::synergy::Synergy;
 
-use crate::kernel::proposal::GENE;
+use crate::kernel::proposal::gene;
 use crate::problem::{ModelKind, Problem, Settings, with_dofs};
 use crate::task::{Task, TaskError};
 
@@ -191,52 +193,37 @@ fn blocks(
     sums: &[Vec<Sums>],
 ) -> Vec<Block> {
     let bounds = settings.bounds(dofs);
-    let gene = |k: usize, value: f64| {
-        let (lower, upper) = bounds[k];
-        let share = (value - f64::from(lower)) / f64::from(upper - lower);
-        (share * f64::from(GENE)) as u32
-    };
-    // Guesses of some genes: their values, and what is left.
-    let block = |genes: Vec<usize>, mut guesses: Vec<(Vec<f64>, f64)>| {
+    // The gains of some of the sums, then the sigmoid.
+    let block = |genes: Vec<usize>, of: Range<usize>, sums: &[Vec<Sums>]| {
+        let guess = |(sigmoid, sums): (&Option<Sigmoid>, &Vec<Sums>)| {
+            let best = sums[of.clone()].iter().map(|sums| sums.best(bounds[0]));
+            let (mut values, left): (Vec<f64>, Vec<f64>) = best.unzip();
+            values.extend(sigmoid.iter().flat_map(|&(offset, slope)| [offset, slope]));
+            (values, left.iter().sum())
+        };
+        let mut guesses: Vec<(Vec<f64>, f64)> = sigmoids.iter().zip(sums).map(guess).collect();
         guesses.sort_by(|a, b| a.1.total_cmp(&b.1));
         let values = |(values, _): &(Vec<f64>, f64)| {
             let each = genes.iter().zip(values);
-            each.map(|(&k, &value)| gene(k, value)).collect()
+            each.map(|(&k, &value)| gene(value, bounds[k])).collect()
         };
         let guesses = guesses.iter().take(KEPT).map(values).collect();
         Block { genes, guesses }
     };
-    let each = || sigmoids.iter().zip(sums);
     match settings.model {
+        // One gain: as if all DoFs were one.
         ModelKind::A => {
-            let guess = |(_, sums): (_, &Vec<Sums>)| {
+            let one = |sums: &Vec<Sums>| {
                 let mut all = Sums::default();
                 sums.iter().for_each(|sums| all.add(sums));
-                let (gain, left) = all.best(bounds[0]);
-                (vec![gain], left)
+                vec![all]
             };
-            vec![block(vec![0], each().map(guess).collect())]
+            let sums: Vec<Vec<Sums>> = sums.iter().map(one).collect();
+            vec![block(vec![0], 0..1, &sums)]
         }
-        ModelKind::C => {
-            let guess = |(sigmoid, sums): (&Option<Sigmoid>, &Vec<Sums>)| {
-                let best = sums.iter().map(|sums| sums.best(bounds[0]));
-                let (mut values, left): (Vec<f64>, Vec<f64>) = best.unzip();
-                values.extend(sigmoid.iter().flat_map(|&(offset, slope)| [offset, slope]));
-                (values, left.iter().sum())
-            };
-            vec![block((0..dofs + 2).collect(), each().map(guess).collect())]
-        }
+        ModelKind::C => vec![block((0..dofs + 2).collect(), 0..dofs, sums)],
         ModelKind::B | ModelKind::D => {
-            let of = |i: usize| {
-                let guess = |(sigmoid, sums): (&Option<Sigmoid>, &Vec<Sums>)| {
-                    let (gain, left) = sums[i].best(bounds[i]);
-                    let mut values = vec![gain];
-                    values.extend(sigmoid.iter().flat_map(|&(offset, slope)| [offset, slope]));
-                    (values, left)
-                };
-                let genes = (i..bounds.len()).step_by(dofs).collect();
-                block(genes, each().map(guess).collect())
-            };
+            let of = |i: usize| block((i..bounds.len()).step_by(dofs).collect(), i..i + 1, sums);
             (0..dofs).map(of).collect()
         }
     }
@@ -245,6 +232,7 @@ fn blocks(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernel::proposal::GENE;
     use crate::kernel::score::Ready;
     use crate::problem::StepperKind;
     use crate::refine::Landscape;

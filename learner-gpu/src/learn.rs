@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
+use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, parameter};
 use crate::problem::{Problem, Settings};
 use crate::refine::{Landscape, Start};
@@ -296,7 +297,7 @@ impl Search {
         let (part, parts) = problem.settings.parts(dofs);
         let bests = bests(&self.islands, problem.islands);
         let ways = match self.bests.is_empty() {
-            true => &[Way::Guess, Way::Member, Way::Guess, Way::Member][..],
+            true => &[Way::Guess, Way::Member][..],
             false => &[Way::GuessAgain, Way::Graft, Way::Redraw, Way::Graft][..],
         };
         let mut starts = Vec::new();
@@ -551,7 +552,7 @@ const MOST_BLOCKS: u32 = 1 + MOST_GENES as u32 / 4;
 /// The draws of a member (or a descent) of a set after `generation` generations.
 fn draws(problem: &Problem, set: usize, member: usize, generation: u32) -> Draws {
     Draws {
-        seed: [problem.seed as u32, (problem.seed >> 32) as u32],
+        seed: key(problem.seed),
         set: set as u32,
         member: member as u32,
         // Proposals count up from 0: these draws are no proposal's.

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
 use sinew::real::Real;
 
-use crate::kernel::philox::philox;
+use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
@@ -180,7 +180,8 @@ pub fn learn(
         Some(known) => known.standard(),
         None => spread(problem),
     };
-    let fit = Fit::new(problem, (&centre, &scale), None, stop)?;
+    let landscape = Landscape::new(problem)?;
+    let fit = Fit::new(problem, &landscape, (&centre, &scale), stop);
 
     // The fits begin with one vector for all.
     tell("one vector for all reaches");
@@ -190,8 +191,8 @@ pub fn learn(
     };
     let folds = folds(problem);
     let mut trials = vec![
-        neighbours(problem, &fit.landscape, own, 1)?,
-        neighbours(problem, &fit.landscape, own, NEIGHBOURS)?,
+        neighbours(problem, &landscape, own, 1)?,
+        neighbours(problem, &landscape, own, NEIGHBOURS)?,
     ];
     let mut best: Option<Best> = None;
     // Fits that begin with some weights, and how they do.
@@ -211,11 +212,8 @@ pub fn learn(
         for ((left_out, _), part) in folds.iter().zip(&from.parts) {
             scored.extend(fit.points(part, left_out));
         }
-        let trial = Trial {
-            name: name.to_owned(),
-            fitted_cm: 100.0 * fit.mean(&from.whole, &all),
-            ..trial(problem, &fit.landscape, &scored)?
-        };
+        let fitted = fit.points(&from.whole, &all);
+        let trial = trial(problem, &landscape, name.to_owned(), &fitted, &scored)?;
         let score = trial.left_out_cm.unwrap_or(trial.fitted_cm);
         if best.as_ref().is_none_or(|best| score < best.score) {
             best = Some(Best {
@@ -230,7 +228,7 @@ pub fn learn(
     };
     if let Some(known) = known {
         let weights = weights(problem, known);
-        let with = Fit::new(problem, (&centre, &scale), Some(weights.clone()), stop)?;
+        let with = fit.drawn_to(weights.clone());
         let degree = known.degree.max(Degree::Affine);
         let mut from = Weights::all(weights, folds.len());
         attempt(&with, "another's map, adapted", degree, &mut from)?;
@@ -360,8 +358,9 @@ pub fn transfer(
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
     let (centre, scale) = known.standard();
     let weights = weights(problem, known);
-    let fit = |known| Fit::new(problem, (&centre, &scale), known, stop);
-    let (alone, with) = (fit(None)?, fit(Some(weights.clone()))?);
+    let landscape = Landscape::new(problem)?;
+    let alone = Fit::new(problem, &landscape, (&centre, &scale), stop);
+    let with = alone.drawn_to(weights.clone());
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
     let as_it_is = 100.0 * with.mean(&weights, &all);
@@ -380,9 +379,7 @@ pub fn transfer(
         for choice in 0..CHOICES {
             // A shuffle by draws.
             let mut order = all.clone();
-            order.sort_by_key(|&reach| {
-                philox([reach as u32, choice, 0, !0], [problem.seed as u32, 0])
-            });
+            order.sort_by_key(|&reach| philox([reach as u32, choice, 0, !0], key(problem.seed)));
             let (used, others) = order.split_at(reaches);
             let Some(one) = one_vector(problem, used, stop)? else {
                 return Ok(None);
@@ -510,25 +507,22 @@ fn neighbours(
     };
     let fitted: Vec<(usize, Vec<f32>)> = (0..count).map(|m| (m, point(&own[m]))).collect();
     let scored: Vec<(usize, Vec<f32>)> = (0..count).filter_map(between).collect();
-    let of_all = trial(problem, landscape, &fitted)?;
-    Ok(Trial {
-        name: match most {
-            1 => "nearest learned target".to_owned(),
-            _ => format!("between {most} nearest"),
-        },
-        fitted_cm: of_all.left_out_cm.unwrap_or_default(),
-        ..trial(problem, landscape, &scored)?
-    })
+    let name = match most {
+        1 => "nearest learned target".to_owned(),
+        _ => format!("between {most} nearest"),
+    };
+    trial(problem, landscape, name, &fitted, &scored)
 }
 
-/// The mean distance of reaches with these parameters, and how many arrive.
+/// How a way does: the points of all reaches as they were learned, and of those left out.
 fn trial(
     problem: &Problem,
     landscape: &Landscape<'_>,
+    name: String,
+    fitted: &[(usize, Vec<f32>)],
     scored: &[(usize, Vec<f32>)],
 ) -> Result<Trial, TaskError> {
     let bounds = problem.settings.bounds(problem.dofs());
-    let scores = landscape.scores_at(scored);
     let mut arrived = 0;
     for (reach, point) in scored {
         let task = &problem.tasks[*reach];
@@ -549,13 +543,20 @@ fn trial(
         }, else return Err(TaskError::Dofs { found: dofs }));
         arrived += usize::from(distance(tip, task.target) <= 0.01);
     }
-    let share = |sum: f64| (!scored.is_empty()).then(|| sum / scored.len() as f64);
+    let left_out = (!scored.is_empty()).then_some(scored);
     Ok(Trial {
-        name: String::new(),
-        fitted_cm: 0.0,
-        left_out_cm: share(100.0 * scores.iter().map(|&score| f64::from(score)).sum::<f64>()),
-        arrived: share(arrived as f64),
+        name,
+        fitted_cm: 100.0 * mean(landscape, fitted),
+        left_out_cm: left_out.map(|scored| 100.0 * mean(landscape, scored)),
+        arrived: left_out.map(|scored| arrived as f64 / scored.len() as f64),
     })
+}
+
+/// The mean distance at some points, metres.
+fn mean(landscape: &Landscape<'_>, points: &[(usize, Vec<f32>)]) -> f64 {
+    let scores = landscape.scores_at(points);
+    let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
+    sum / points.len().max(1) as f64
 }
 
 /// The targets, or as many as a map holds, each as far from those before it as can be.
@@ -578,7 +579,7 @@ fn spread_out(targets: Vec<Point>) -> Vec<Point> {
 
 /// The reaches that maps are fitted to.
 struct Fit<'a> {
-    landscape: Landscape<'a>,
+    landscape: &'a Landscape<'a>,
     /// Each reach's terms.
     terms: Vec<Vec<f64>>,
     /// What coefficients are drawn to, where it is not to 0.
@@ -588,18 +589,27 @@ struct Fit<'a> {
 
 impl<'a> Fit<'a> {
     fn new(
-        problem: &'a Problem,
+        problem: &Problem,
+        landscape: &'a Landscape<'a>,
         (centre, scale): (&[f64; INPUTS], &[f64; INPUTS]),
-        known: Option<DMatrix<f64>>,
         stop: &'a AtomicBool,
-    ) -> Result<Self, TaskError> {
+    ) -> Self {
         let terms = |task| terms(&standardised(&inputs(problem, task), centre, scale)).to_vec();
-        Ok(Fit {
-            landscape: Landscape::new(problem)?,
+        Fit {
+            landscape,
             terms: problem.tasks.iter().map(terms).collect(),
-            known,
+            known: None,
             stop,
-        })
+        }
+    }
+
+    /// The same with coefficients drawn to these.
+    fn drawn_to(&self, known: DMatrix<f64>) -> Self {
+        Fit {
+            terms: self.terms.clone(),
+            known: Some(known),
+            ..*self
+        }
     }
 
     /// The parameters of a reach, as shares of their bounds.
@@ -619,9 +629,7 @@ impl<'a> Fit<'a> {
 
     /// The mean distance, metres.
     fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
-        let scores = self.landscape.scores_at(&self.points(weights, reaches));
-        let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
-        sum / reaches.len().max(1) as f64
+        mean(self.landscape, &self.points(weights, reaches))
     }
 
     /// What is made small.

@@ -23,7 +23,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use sinew::real::Real;
 
-use crate::kernel::proposal::{GENE, MOST_GENES, parameter};
+use crate::kernel::proposal::{MOST_GENES, gene, parameter};
 use crate::kernel::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes, dispatch};
 use crate::problem::{Problem, Settings, with_dofs};
@@ -239,7 +239,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         // Genes are a little coarser than what was stepped in.
         let genes: Vec<u32> = at
             .iter()
-            .map(|&share| ((share * GENE as f32) as u32).min(GENE))
+            .map(|&share| gene(share.into(), (0.0, 1.0)))
             .collect();
         let score = self.scores(&[shares(&genes)])[0];
         (Floor { genes, score }, count + 1)
@@ -440,15 +440,13 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         let dampings: [f32; TRIALS] =
             std::array::from_fn(|trial| damping * DAMPINGS[trial % DAMPINGS.len()]);
         let shares: [f32; TRIALS] = std::array::from_fn(|trial| SHARES[trial / DAMPINGS.len()]);
-        let mut value = [0.0; MOST_GENES];
-        value[..at.len()].copy_from_slice(at);
         let mut out = Trials {
             values: [[0.0; TRIALS]; MOST_GENES],
             scores: [0.0; TRIALS],
         };
         for begin in (0..TRIALS).step_by(lanes) {
             let some = begin..begin + lanes;
-            let step = descent(local, &value, Lanes::<S>::load(&dampings[some.clone()]));
+            let step = descent(local, at, Lanes::<S>::load(&dampings[some.clone()]));
             let share = Lanes::<S>::load(&shares[some.clone()]);
             let mut candidates = [Lanes::<S>::zero(); MOST_GENES];
             for (k, &(lower, upper)) in self.bounds.iter().enumerate() {
@@ -464,13 +462,13 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 }
 
-/// A step down from a point with these values, each lane with its own damping: by Cholesky's factors of the damped
+/// A step down from `at`, each lane with its own damping: by Cholesky's factors of the damped
 /// curvature, each parameter in units that make its scale 1. What a step would push out of [0, 1] stays, and the others'
 /// steps are found anew.
 #[inline(always)]
 fn descent<S: Instructions>(
     local: &Local,
-    value: &[f32; MOST_GENES],
+    at: &[f32],
     damping: Lanes<S>,
 ) -> [Lanes<S>; MOST_GENES] {
     let free = local.free;
@@ -482,7 +480,7 @@ fn descent<S: Instructions>(
     // 1 where a parameter moves, 0 where it is held.
     let mut moves = [one; MOST_GENES];
     for a in 0..free {
-        if pushed(value[a], -local.gradient[a]) {
+        if pushed(at[a], -local.gradient[a]) {
             moves[a] = zero;
         }
     }
@@ -533,9 +531,9 @@ fn descent<S: Instructions>(
         let mut more = false;
         for a in 0..free {
             step[a] = side[a] * Lanes::splat(unit[a]) * moves[a];
-            let out = if value[a] <= 0.0 {
+            let out = if at[a] <= 0.0 {
                 step[a].lt(zero)
-            } else if value[a] >= 1.0 {
+            } else if at[a] >= 1.0 {
                 zero.lt(step[a])
             } else {
                 continue;

@@ -19,6 +19,7 @@ pub use count::Operations;
 use crate::cpu::{self, SimdLevel};
 use crate::gpu::{self, Adapter, Gpu, GpuError, Which};
 use crate::kernel::anneal::Island;
+use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, first, parameter};
 use crate::kernel::score::Ready;
 use crate::learn::Search;
@@ -395,7 +396,7 @@ impl<T: Real> Scalar<T> {
         let count = Model::from(problem.settings.model).parameters(DOFS);
         let member = |member| {
             let draws = Draws {
-                seed: [problem.seed as u32, 0],
+                seed: key(problem.seed),
                 set: 0,
                 member,
                 generation: 0,

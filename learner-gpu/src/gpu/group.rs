@@ -43,11 +43,15 @@ struct Contents {
     summaries: Vec<u32>,
     /// Ticks that a generation of each island takes.
     ticks: Vec<u64>,
-    /// Motions of the largest set.
-    most_motions: u32,
 }
 
 impl Contents {
+    /// Motions of the largest set.
+    fn most_motions(&self) -> u32 {
+        let each = self.places.chunks_exact(4).map(|place| place[3]);
+        each.max().unwrap_or(0)
+    }
+
     /// A buffer above its limit: what it holds, its size and its limit in bytes.
     fn too_large(&self, limits: &Limits) -> Option<(&'static str, u64, u64)> {
         let sizes = [
@@ -168,8 +172,8 @@ impl Group {
         });
         Group {
             islands,
+            most_motions: contents.most_motions(),
             ticks: contents.ticks,
-            most_motions: contents.most_motions,
             bindings,
             run,
             populations,
@@ -264,7 +268,6 @@ fn gather(
                 ticks += u64::from(motion.frames) * ISLAND as u64;
             }
             set_at = (set, begin, ticks);
-            contents.most_motions = contents.most_motions.max(members.len() as u32);
         }
         let (_, begin, ticks) = set_at;
         contents.places.extend([

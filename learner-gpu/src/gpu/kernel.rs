@@ -13,6 +13,7 @@ use super::device::Device;
 use super::error::GpuError;
 use super::group::Group;
 use crate::kernel::compose::{Structure, compose};
+use crate::kernel::philox::key;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 
@@ -138,9 +139,10 @@ impl Kernel {
         let columns = count.clamp(1, self.columns);
         let mut runs = Vec::new();
         for generation in part.generations.clone() {
+            let [low, high] = key(self.seed);
             runs.extend([
-                self.seed as u32,
-                (self.seed >> 32) as u32,
+                low,
+                high,
                 generation,
                 part.islands.start as u32,
                 count,

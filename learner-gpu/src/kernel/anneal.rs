@@ -4,6 +4,7 @@ use fearless_simd::Simd;
 use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
+use super::philox::key;
 use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, first, parameter, propose};
 use super::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes};
@@ -105,7 +106,7 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
             for lane in 0..lanes {
                 let me = start + lane;
                 let draws = Draws {
-                    seed: [self.seed as u32, (self.seed >> 32) as u32],
+                    seed: key(self.seed),
                     set: self.set,
                     member: self.island * ISLAND as u32 + me as u32,
                     generation,

@@ -4,6 +4,12 @@
 //! A draw is a function of key and counter alone: no state. So CPU and GPU draw the same bits, any member of a
 //! population can be replayed alone, and a run that goes on after a stop draws as if it had never stopped.
 
+/// A seed as a key: its low half, then the high one.
+#[inline(always)]
+pub fn key(seed: u64) -> [u32; 2] {
+    [seed as u32, (seed >> 32) as u32]
+}
+
 /// Four draws of 32 bits.
 #[inline(always)]
 pub fn philox(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {

@@ -128,6 +128,12 @@ pub fn parameter(gene: u32, (lower, upper): (f32, f32)) -> f32 {
     lower + (upper - lower) * (gene as f32 * (1.0 / GENE as f32))
 }
 
+/// The gene that stands for a parameter: [`parameter`]'s inverse, and within the bounds.
+pub fn gene(parameter: f64, (lower, upper): (f32, f32)) -> u32 {
+    let share = (parameter - f64::from(lower)) / f64::from(upper - lower);
+    ((share * f64::from(GENE)) as u32).min(GENE)
+}
+
 /// Whether annealing accepts a change of score: always where it does not rise, else with probability exp(−rise/T), by
 /// a draw (Metropolis et al. 1953).
 ///
