@@ -20,7 +20,7 @@ use std::error::Error;
 use std::fs;
 use std::hint::black_box;
 use std::process::{Command, ExitCode};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use serde::{Deserialize, Serialize};
 use sinew::chain::Chain;
@@ -33,12 +33,14 @@ use sinew_benches::{
 };
 use sinew_learn::cpu;
 use sinew_learn::kernel::anneal::Island;
+use sinew_learn::kernel::proposal::GENE;
+use sinew_learn::refine::{Landscape, Start};
 
 /// A kernel by name, two numbers of times to run it, and how.
 type Kernel = (&'static str, [u32; 2], fn(u32));
 
 /// A kernel whose name says `lanes` runs on the machine's SIMD lanes.
-const KERNELS: [Kernel; 11] = [
+const KERNELS: [Kernel; 12] = [
     (
         "tick, transpose, f32",
         [100, 1100],
@@ -82,6 +84,7 @@ const KERNELS: [Kernel; 11] = [
     ("forward and jacobian, panda, f64", [100, 1100], forwards),
     ("metric, posture, f32", [100, 1100], metrics),
     ("generation of an island, lanes", [1, 5], generations),
+    ("descent on a reach, lanes", [1, 6], descents),
 ];
 
 /// What a kernel may execute more than recorded.
@@ -284,4 +287,17 @@ fn generations(times: u32) {
     cpu::advance(&problem, &mut islands, 0, times, &AtomicBool::new(false))
         .expect("it can be learned");
     black_box(&islands);
+}
+
+/// Descents on the sample's first reach, each from the middle of all bounds: slopes, steps, trials.
+fn descents(times: u32) {
+    let problem = shipped(1, 1);
+    let landscape = Landscape::new(&problem).expect("it can be learned");
+    let start = Start {
+        set: 0,
+        genes: vec![GENE / 2; problem.genes()],
+        beat: f32::INFINITY,
+    };
+    let starts = vec![start; times as usize];
+    black_box(landscape.refine(&starts, &AtomicU64::new(0), &AtomicBool::new(false)));
 }

@@ -1,8 +1,9 @@
-//! The learner's side of the comparison with JAX: the workload, its scores, and how fast the SIMD lanes are.
+//! The learner's side of the comparison with JAX: the workload, its scores, and how fast the SIMD lanes and the adapters
+//! are.
 //!
 //! ```text
 //! population FILE     # writes the tasks, the candidates' parameters and their scores, as JSON
-//! population          # prints million candidate·motion·frames a second, over generations of the search
+//! population          # prints each place's million candidate·motion·frames a second, over generations of the search
 //! ```
 //!
 //! 512 candidates, 32 motions (the reaches that `sinew` ships, in turn) of 100 frames: each reach holds its end.
@@ -16,6 +17,7 @@ use std::time::Instant;
 use serde_json::json;
 use sinew_benches::shipped;
 use sinew_learn::cpu;
+use sinew_learn::gpu::{self, Gpu, Which};
 use sinew_learn::kernel::anneal::Island;
 use sinew_learn::kernel::proposal::ISLAND;
 use sinew_learn::kernel::score::Ready;
@@ -44,14 +46,31 @@ fn main() -> Result<(), Box<dyn Error>> {
             fs::write(file, described(&problem)?.to_string())?;
         }
         None => {
-            cpu::advance(&problem, &mut islands, 0, 2, &going)?;
-            let began = Instant::now();
-            cpu::advance(&problem, &mut islands, 2, 2 + TIMED, &going)?;
-            let frames = f64::from(TIMED) * (ISLANDS * ISLAND * MOTIONS * FRAMES) as f64;
-            let rate = frames / began.elapsed().as_secs_f64() / 1e6;
-            println!("{rate:.2} {}", cpu::describe());
+            for adapter in gpu::adapters() {
+                let mut on = Gpu::new(&problem, &islands, Which::Named(adapter.name.clone()))?;
+                timed(&adapter.name, |from, to| on.advance(from, to, &going))?;
+            }
+            timed(&cpu::describe(), |from, to| {
+                cpu::advance(&problem, &mut islands, from, to, &going)
+            })?;
         }
     }
+    Ok(())
+}
+
+/// Prints how fast generations go, which `run` does from one to another, after two that do not count.
+fn timed<E: Error + 'static>(
+    place: &str,
+    mut run: impl FnMut(u32, u32) -> Result<u32, E>,
+) -> Result<(), Box<dyn Error>> {
+    run(0, 2)?;
+    let began = Instant::now();
+    run(2, 2 + TIMED)?;
+    let frames = f64::from(TIMED) * (ISLANDS * ISLAND * MOTIONS * FRAMES) as f64;
+    println!(
+        "{:.2} {place}",
+        frames / began.elapsed().as_secs_f64() / 1e6
+    );
     Ok(())
 }
 

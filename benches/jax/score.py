@@ -108,17 +108,16 @@ print(f"JAX {jax.__version__} on {jax.devices()[0].platform}: scores of {len(exp
 assert worst < 1e-5, "the two do not compute the same"
 
 count = parameters.shape[0] * motions["reference"].shape[0] * motions["reference"].shape[1] / 1e6
-theirs, ours, what = [], [], ""
+rates = {}
 for _ in range(ROUNDS):
     for _ in range(3):
         began = time.perf_counter()
         population(parameters).block_until_ready()
-        theirs.append(count / (time.perf_counter() - began))
-    rate, what = subprocess.run([sys.argv[2]], capture_output=True, text=True, check=True).stdout.split(maxsplit=1)
-    ours.append(float(rate))
-print(f"{'million candidate-motion-frames a second':<50}{'median':>8}{'best':>8}")
-rows = {f"sinew: {what.strip()}": ours, "JAX": theirs}
-for name, rates in rows.items():
-    print(f"  {name:<48}{statistics.median(rates):>8.2f}{max(rates):>8.2f}")
-of_medians, of_bests = statistics.median(ours) / statistics.median(theirs), max(ours) / max(theirs)
-print(f"  {'sinew to JAX':<48}{of_medians:>7.2f}×{of_bests:>7.2f}×")
+        rates.setdefault("JAX", []).append(count / (time.perf_counter() - began))
+    for line in subprocess.run([sys.argv[2]], capture_output=True, text=True, check=True).stdout.splitlines():
+        rate, place = line.split(maxsplit=1)
+        rates.setdefault(f"sinew: {place}", []).append(float(rate))
+print(f"{'million candidate-motion-frames a second':<50}{'median':>8}{'best':>8}{'to JAX':>9}")
+for place, found in rates.items():
+    ratio = statistics.median(found) / statistics.median(rates["JAX"])
+    print(f"  {place:<48}{statistics.median(found):>8.2f}{max(found):>8.2f}{ratio:>8.2f}×")

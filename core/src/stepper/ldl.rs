@@ -43,7 +43,7 @@ impl<T: Real, const M: usize> Ldl<T, M> {
     }
 
     /// Whether the matrix is far enough from singular for this factorisation to be exact enough: surely so where
-    /// λ_min/λ_max > 1e-3, that is σ_min/σ_max > 0.03. Of M eigenvalues with sum s and product p,
+    /// λ_min/λ_max > 3e-4, that is σ_min/σ_max > 0.017. Of M eigenvalues with sum s and product p,
     /// λ_min ≥ p·((M−1)/s)^(M−1). False where anything is NaN.
     #[inline(always)]
     pub fn is_well_conditioned(&self) -> T::Mask {
@@ -52,7 +52,7 @@ impl<T: Real, const M: usize> Ldl<T, M> {
         for r in 0..M {
             product = product * (self.factors[r][r] * by);
         }
-        T::of(1e-3 * (M - 1) as f64).lt(product)
+        T::of(3e-4 * (M - 1) as f64).lt(product)
     }
 
     /// y.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
 use super::philox::key;
-use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, first, parameter, propose};
+use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, blocks, firsts, parameter, propose};
 use super::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes};
 use crate::problem::Settings;
@@ -90,56 +90,59 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
     /// Runs one generation.
     #[inline(always)]
     pub fn generation(&self, island: &mut Island, generation: u32) {
-        let lanes = Lanes::<S>::COUNT;
         let count = island.genes.len();
-        let mut genes = [[0; ISLAND]; MOST_GENES];
-        for (row, members) in genes.iter_mut().zip(&island.genes) {
-            row.copy_from_slice(members);
-        }
-        let genes = &genes[..count];
+        let draws = Draws {
+            seed: key(self.seed),
+            set: self.set,
+            member: self.island * ISLAND as u32,
+            generation,
+        };
+        let own = blocks(&draws, 0);
         let (best, temperature) = spread(&island.scores, count);
+        let mut proposed = [[0; ISLAND]; MOST_GENES];
+        let proposed = &mut proposed[..count];
+        match generation {
+            0 => firsts(&draws, proposed),
+            _ => propose(&draws, &own, &island.genes, best, proposed),
+        }
 
-        for start in (0..ISLAND).step_by(lanes) {
-            let mut proposed = [[0; MOST_GENES]; 16];
-            let mut luck = [0; 16];
-            let mut values = [[0.0; 16]; MOST_GENES];
-            for lane in 0..lanes {
-                let me = start + lane;
-                let draws = Draws {
-                    seed: key(self.seed),
-                    set: self.set,
-                    member: self.island * ISLAND as u32 + me as u32,
-                    generation,
-                };
-                let own = draws.block(0);
-                luck[lane] = own[2];
-                proposed[lane] = match generation {
-                    0 => first(&draws, count),
-                    _ => propose(&draws, own, genes, me, best),
-                };
-                for k in 0..count {
-                    values[k][lane] = parameter(proposed[lane][k], self.bounds[k]);
-                }
+        let mut values = [[0.0; ISLAND]; MOST_GENES];
+        for (k, genes) in proposed.iter().enumerate() {
+            for me in 0..ISLAND {
+                values[k][me] = parameter(genes[me], self.bounds[k]);
             }
+        }
+        let lanes = Lanes::<S>::COUNT;
+        let mut scores = [0.0; ISLAND];
+        for (some, scores) in scores.chunks_mut(lanes).enumerate() {
             let mut parameters = [Lanes::<S>::zero(); MOST_GENES];
             for (parameter, values) in parameters.iter_mut().zip(&values) {
-                *parameter = Lanes::load(&values[..lanes]);
+                *parameter = Lanes::load(&values[lanes * some..][..lanes]);
             }
-            let mut scores = [0.0; 16];
-            mean(self.motions, self.settings, &parameters[..count]).store(&mut scores[..lanes]);
+            mean(self.motions, self.settings, &parameters[..count]).store(scores);
+        }
 
-            for lane in 0..lanes {
-                let me = start + lane;
-                if accepts(island.scores[me], scores[lane], temperature, luck[lane]) {
-                    island.scores[me] = scores[lane];
-                    for (row, &gene) in island.genes.iter_mut().zip(&proposed[lane]) {
-                        row[me] = gene;
-                    }
-                }
-                if scores[lane] < island.best_score {
-                    island.best_score = scores[lane];
-                    island.best.copy_from_slice(&proposed[lane][..count]);
-                }
+        let mut taken = [false; ISLAND];
+        for (me, current) in island.scores.iter_mut().enumerate() {
+            taken[me] = accepts(*current, scores[me], temperature, own[2][me]);
+            if taken[me] {
+                *current = scores[me];
+            }
+        }
+        for (row, proposed) in island.genes.iter_mut().zip(proposed.iter()) {
+            let Some(row) = row.first_chunk_mut::<ISLAND>() else {
+                continue;
+            };
+            let before = *row;
+            for me in 0..ISLAND {
+                row[me] = if taken[me] { proposed[me] } else { before[me] };
+            }
+        }
+        let (leader, _) = spread(&scores, count);
+        if scores[leader] < island.best_score {
+            island.best_score = scores[leader];
+            for (gene, proposed) in island.best.iter_mut().zip(proposed.iter()) {
+                *gene = proposed[leader];
             }
         }
     }

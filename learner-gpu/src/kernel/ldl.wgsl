@@ -42,10 +42,10 @@ fn ldl(j: Jacobian, damping: f32) -> Ldl {
 }
 
 /// Whether the matrix is far enough from singular for this factorisation to be exact enough: surely so where
-/// σ_min/σ_max > 0.03. False where anything is NaN.
+/// σ_min/σ_max > 0.017. False where anything is NaN.
 fn is_well_conditioned(f: Ldl) -> bool {
     let by = 2.0 / f.trace;
-    return 0.002 < (f.d0 * by) * (f.d1 * by) * (f.d2 * by);
+    return 0.0006 < (f.d0 * by) * (f.d1 * by) * (f.d2 * by);
 }
 
 /// y.

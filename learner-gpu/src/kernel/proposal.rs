@@ -23,6 +23,9 @@ pub const GENE: u32 = 1 << 24;
 /// The most parameters a member can have.
 pub const MOST_GENES: usize = 24;
 
+/// A number of each member of an island.
+pub type Row = [u32; ISLAND];
+
 /// What the draws of one member in one generation depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Draws {
@@ -62,70 +65,118 @@ pub fn first(draws: &Draws, genes: usize) -> [u32; MOST_GENES] {
     out
 }
 
-/// A member's genes to be tried in a later generation.
-///
-/// `island[k][i]` is gene k of member i as the generation began, `me` the member's place in the island, `best` that of
-/// the best. `own` is the first block of draws, whose third decides acceptance.
+/// Writes to `out` the genes of an island's members in generation 0, where `draws` are those of its first.
 #[inline(always)]
-pub fn propose(
-    draws: &Draws,
-    own: [u32; 4],
-    island: &[[u32; ISLAND]],
-    me: usize,
-    best: usize,
-) -> [u32; MOST_GENES] {
-    let others = ISLAND as u32 - 1;
-    let first = own[0] % others;
-    let second = (own[0] / others) % (others - 1);
-    let second = if second >= first { second + 1 } else { second };
-    let a = (me + 1 + first as usize) % ISLAND;
-    let b = (me + 1 + second as usize) % ISLAND;
-
-    // Which kind of step, what share of the genes, and how large a jitter.
-    let kind = own[1] & 3;
-    let leap = (own[1] >> 2) & 7 == 0;
-    let share = [64, 128, 256, 256][((own[1] >> 5) & 3) as usize];
-    let jitter = 1 + (own[1] >> 7) % 22;
-
-    let genes = island.len();
-    let mut noise = [0; MOST_GENES];
-    for (four, row) in noise.chunks_mut(4).enumerate().take(genes.div_ceil(4)) {
-        row.copy_from_slice(&draws.block(1 + four as u32));
+pub fn firsts(draws: &Draws, out: &mut [Row]) {
+    for me in 0..ISLAND {
+        let member = draws.member + me as u32;
+        let genes = first(&Draws { member, ..*draws }, out.len());
+        for (row, gene) in out.iter_mut().zip(genes) {
+            row[me] = gene;
+        }
     }
-    // At least one gene takes part.
-    let sure = (own[3] as usize) % genes;
-    let takes_part = |k: usize, noise: u32| (noise & 255) < share || k == sure;
-    let mut count = 0;
-    for k in 0..genes {
-        count += usize::from(takes_part(k, noise[k]));
-    }
-    let step = if leap && kind < 2 { 64 } else { STEP[count] };
+}
 
-    let mut out = [0; MOST_GENES];
-    for (k, row) in island.iter().enumerate() {
-        let x = row[me] as i32;
-        let difference = (row[a] as i32 - row[b] as i32) * step / 64;
-        // A uniform draw in ±2²³.
-        let uniform = (noise[k] >> 8) as i32 - (1 << 23);
-        let delta = match kind {
-            0 | 1 => difference + uniform / (1 << 19),
-            2 => difference + (row[best] as i32 - x) * 32 / 64,
-            _ => uniform / (1 << jitter),
-        };
-        let moved = (x + delta).clamp(0, GENE as i32) as u32;
-        out[k] = if takes_part(k, noise[k]) {
-            moved
-        } else {
-            row[me]
-        };
+/// The `number`th four draws of each member of an island, where `draws` are those of its first.
+#[inline(always)]
+pub fn blocks(draws: &Draws, number: u32) -> [Row; 4] {
+    let mut out = [[0; ISLAND]; 4];
+    for me in 0..ISLAND {
+        let member = draws.member + me as u32;
+        let four = Draws { member, ..*draws }.block(number);
+        for (row, draw) in out.iter_mut().zip(four) {
+            row[me] = draw;
+        }
     }
     out
+}
+
+/// Writes to `out` the genes that each member of an island is to try in a later generation.
+///
+/// `island[k]` has the members' gene k as the generation began, `best` is the member with the least score, `own` are the
+/// first [`blocks`] of draws, of which the third decides acceptance.
+#[inline(always)]
+pub fn propose(draws: &Draws, own: &[Row; 4], island: &[Vec<u32>], best: usize, out: &mut [Row]) {
+    // A loop over the members for each thing that a thread of the shader does, so that they run on SIMD lanes.
+    let genes = island.len();
+    let others = ISLAND as u32 - 1;
+    let (mut a, mut b, mut sure) = ([0; ISLAND], [0; ISLAND], [0; ISLAND]);
+    let (mut kind, mut share, mut bits) = ([0; ISLAND], [0; ISLAND], [0; ISLAND]);
+    for me in 0..ISLAND {
+        let first = own[0][me] % others;
+        let second = (own[0][me] / others) % (others - 1);
+        let second = if second >= first { second + 1 } else { second };
+        a[me] = (me as u32 + 1 + first) % ISLAND as u32;
+        b[me] = (me as u32 + 1 + second) % ISLAND as u32;
+        // Which kind of step, what share of the genes, and how large a jitter.
+        kind[me] = own[1][me] & 3;
+        share[me] = (64 << ((own[1][me] >> 5) & 3)).min(256);
+        let jitter = 1 + (own[1][me] >> 7) % 22;
+        bits[me] = if kind[me] < 2 { 19 } else { jitter };
+        // At least one gene takes part.
+        sure[me] = own[3][me] % genes as u32;
+    }
+
+    let mut noise = [[0; ISLAND]; MOST_GENES];
+    for (four, rows) in noise.chunks_mut(4).enumerate().take(genes.div_ceil(4)) {
+        rows.copy_from_slice(&blocks(draws, 1 + four as u32));
+    }
+    let takes_part =
+        |k: usize, me: usize, noise: u32| (noise & 255 < share[me]) | (k as u32 == sure[me]);
+    let mut count = [0; ISLAND];
+    for (k, noise) in noise.iter().enumerate().take(genes) {
+        for me in 0..ISLAND {
+            count[me] += u32::from(takes_part(k, me, noise[me]));
+        }
+    }
+    let mut step = [0; ISLAND];
+    for me in 0..ISLAND {
+        let leap = ((own[1][me] >> 2) & 7 == 0) & (kind[me] < 2);
+        step[me] = if leap { 64 } else { STEP[count[me] as usize] };
+    }
+
+    for (k, (row, out)) in island.iter().zip(out).enumerate() {
+        let Some(&row) = row.first_chunk::<ISLAND>() else {
+            continue;
+        };
+        let best = row[best] as i32;
+        let mut apart = [0; ISLAND];
+        for me in 0..ISLAND {
+            let of = |other: u32| row[other as usize % ISLAND] as i32;
+            apart[me] = of(a[me]) - of(b[me]);
+        }
+        let mut moved = [0; ISLAND];
+        for me in 0..ISLAND {
+            let x = row[me] as i32;
+            let difference = without_last_bits(apart[me] * step[me], 6);
+            let approach = without_last_bits((best - x) * 32, 6);
+            // A uniform draw in ±2²³.
+            let uniform = (noise[k][me] >> 8) as i32 - (1 << 23);
+            let jitter = without_last_bits(uniform, bits[me]);
+            let varied = difference + if kind[me] == 2 { approach } else { jitter };
+            let delta = if kind[me] == 3 { jitter } else { varied };
+            let to = (x + delta).clamp(0, GENE as i32);
+            moved[me] = if takes_part(k, me, noise[k][me]) {
+                to
+            } else {
+                x
+            } as u32;
+        }
+        *out = moved;
+    }
+}
+
+/// x / 2^bits, rounded towards 0.
+#[inline(always)]
+fn without_last_bits(x: i32, bits: u32) -> i32 {
+    (x + ((x >> 31) & (1_i32.wrapping_shl(bits) - 1))).wrapping_shr(bits)
 }
 
 /// The parameter that a gene stands for.
 #[inline(always)]
 pub fn parameter(gene: u32, (lower, upper): (f32, f32)) -> f32 {
-    lower + (upper - lower) * (gene as f32 * (1.0 / GENE as f32))
+    // Signed: AVX2 has no conversion from what is not.
+    lower + (upper - lower) * (gene as i32 as f32 * (1.0 / GENE as f32))
 }
 
 /// The gene that stands for a parameter: [`parameter`]'s inverse, and within the bounds.
