@@ -9,6 +9,9 @@
 //! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
 //! the fewer reaches there are, the stronger.
 //!
+//! Each is also fitted *blurred*: to points around each reach's, so that parameters a little off still serve. That gives
+//! away some distance on what is learned from, and more hands arrive on what is not.
+//!
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
 
@@ -35,6 +38,12 @@ const RIDGE: f64 = 1e-5;
 /// And of the squared differences from another person's, with one reach, metres; with n reaches, less by n³. One reach says
 /// little about a map, and is not to bend it; with many, their own say more.
 const KNOWN: f64 = 27.0;
+/// A blurred fit looks at so many points around each reach's, in pairs that lie across from each other,
+const AROUND: u32 = 4;
+/// in a cube of this width, shares of the bounds.
+const WIDTH: f64 = 0.14;
+/// Of ways whose distances differ by less than this share, the one whose hands arrive most often is kept.
+const AS_GOOD: f64 = 0.03;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
 /// A reach that is left out takes with it all whose targets are this near, metres.
@@ -91,6 +100,9 @@ pub struct LearnedMap {
     pub radius: f64,
     /// What was tried.
     pub trials: Vec<Trial>,
+    /// The name of the trial whose map this is.
+    #[serde(default)]
+    pub kept: String,
 }
 
 /// A way to find the parameters of a new reach, tried on reaches left out.
@@ -194,7 +206,7 @@ pub fn learn(
         neighbours(problem, &landscape, own, 1)?,
         neighbours(problem, &landscape, own, NEIGHBOURS)?,
     ];
-    let mut best: Option<Best> = None;
+    let mut candidates: Vec<Candidate> = Vec::new();
     // Fits that begin with some weights, and how they do.
     let mut attempt = |fit: &Fit<'_>, name: &str, degree: Degree, from: &mut Weights| {
         if stop.load(Ordering::Relaxed) {
@@ -203,26 +215,31 @@ pub fn learn(
         tell(&format!("{name}, with {} groups left out", folds.len()));
         let wider =
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
-        from.whole = fit.descend(wider(&from.whole), &all);
         let parts = folds.par_iter().zip(&from.parts);
         from.parts = parts
             .map(|((_, kept), part)| fit.descend(wider(part), kept))
             .collect();
+        // Fits end in different valleys: that to all goes on from the best of the folds' if that is better.
+        let whole = fit.descend(wider(&from.whole), &all);
+        let others = from.parts.iter().map(|part| (fit.cost(part, &all), part));
+        from.whole = match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((cost, part)) if cost < fit.cost(&whole, &all) => fit.descend(part.clone(), &all),
+            _ => whole,
+        };
         let mut scored = Vec::new();
         for ((left_out, _), part) in folds.iter().zip(&from.parts) {
             scored.extend(fit.points(part, left_out));
         }
         let fitted = fit.points(&from.whole, &all);
         let trial = trial(problem, &landscape, name.to_owned(), &fitted, &scored)?;
-        let score = trial.left_out_cm.unwrap_or(trial.fitted_cm);
-        if best.as_ref().is_none_or(|best| score < best.score) {
-            best = Some(Best {
-                score,
-                degree,
-                weights: from.whole.clone(),
-                adapted: fit.known.is_some(),
-            });
-        }
+        candidates.push(Candidate {
+            name: name.to_owned(),
+            score: trial.left_out_cm.unwrap_or(trial.fitted_cm),
+            arrived: trial.arrived.unwrap_or_default(),
+            degree,
+            weights: from.whole.clone(),
+            adapted: fit.known.is_some(),
+        });
         trials.push(trial);
         Ok::<(), TaskError>(())
     };
@@ -235,6 +252,7 @@ pub fn learn(
     }
     // Each degree's fits go on from those of the degree before.
     let mut from = Weights::all(one, folds.len());
+    let (blurred, mut from_blurred) = (fit.blurred(), from.clone());
     for degree in Degree::ALL {
         // What cannot be tried is kept simple.
         if folds.is_empty() && (known.is_some() || degree > Degree::Constant) {
@@ -242,13 +260,25 @@ pub fn learn(
         }
         let name = format!("{degree:?} map").to_lowercase();
         attempt(&fit, &name, degree, &mut from)?;
+        if !folds.is_empty() {
+            attempt(
+                &blurred,
+                &format!("{name}, blurred"),
+                degree,
+                &mut from_blurred,
+            )?;
+        }
     }
-    let Some(Best {
+    if stop.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+    let Some(Candidate {
+        name: kept,
         degree,
         weights,
         adapted,
         ..
-    }) = best.filter(|_| !stop.load(Ordering::Relaxed))
+    }) = chosen(candidates)
     else {
         return Ok(None);
     };
@@ -281,19 +311,39 @@ pub fn learn(
         targets,
         radius,
         trials,
+        kept,
     }))
 }
 
-/// The map that did best so far.
-struct Best {
+/// A fitted map, and how it does.
+struct Candidate {
+    /// Its trial's.
+    name: String,
+    /// The mean distance on reaches left out, cm (of all, where none could be).
     score: f64,
+    /// The share of these whose hands arrive.
+    arrived: f64,
     degree: Degree,
     weights: DMatrix<f64>,
     /// Whether it is another's, adapted.
     adapted: bool,
 }
 
+/// The candidate that is kept: of those within [`AS_GOOD`] of the least distance, the one whose hands arrive most often.
+fn chosen(candidates: Vec<Candidate>) -> Option<Candidate> {
+    let scores = candidates.iter().map(|candidate| candidate.score);
+    let limit = scores.fold(f64::INFINITY, f64::min) * (1.0 + AS_GOOD);
+    let good = candidates
+        .into_iter()
+        .filter(|candidate| candidate.score <= limit);
+    good.min_by(|a, b| {
+        let by_score = a.score.total_cmp(&b.score);
+        b.arrived.total_cmp(&a.arrived).then(by_score)
+    })
+}
+
 /// Weights fitted to all reaches, and for each fold to those that it keeps.
+#[derive(Clone)]
 struct Weights {
     whole: DMatrix<f64>,
     parts: Vec<DMatrix<f64>>,
@@ -584,6 +634,8 @@ struct Fit<'a> {
     terms: Vec<Vec<f64>>,
     /// What coefficients are drawn to, where it is not to 0.
     known: Option<DMatrix<f64>>,
+    /// Whether it looks around each reach's point, so that parameters a little off still serve.
+    blurred: bool,
     stop: &'a AtomicBool,
 }
 
@@ -599,7 +651,18 @@ impl<'a> Fit<'a> {
             landscape,
             terms: problem.tasks.iter().map(terms).collect(),
             known: None,
+            blurred: false,
             stop,
+        }
+    }
+
+    /// The same, blurred.
+    fn blurred(&self) -> Self {
+        Fit {
+            terms: self.terms.clone(),
+            known: self.known.clone(),
+            blurred: true,
+            ..*self
         }
     }
 
@@ -627,6 +690,27 @@ impl<'a> Fit<'a> {
         reaches.iter().map(point).collect()
     }
 
+    /// What the fit looks at: the reaches' points, or [`AROUND`] around each.
+    fn around(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Vec<(usize, Vec<f32>)> {
+        let around = |(reach, point): (usize, Vec<f32>)| {
+            let near = move |number: u32| {
+                let moved = |(k, share): (usize, &f32)| {
+                    let draw = philox([reach as u32, number / 2, k as u32, 0], [0, 0])[0];
+                    let by = WIDTH * (f64::from(draw) / f64::from(u32::MAX) - 0.5);
+                    let by = if number.is_multiple_of(2) { by } else { -by };
+                    (f64::from(*share) + by).clamp(0.0, 1.0) as f32
+                };
+                (reach, point.iter().enumerate().map(moved).collect())
+            };
+            (0..AROUND).map(near)
+        };
+        let points = self.points(weights, reaches);
+        match self.blurred {
+            true => points.into_iter().flat_map(around).collect(),
+            false => points,
+        }
+    }
+
     /// The mean distance, metres.
     fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
         mean(self.landscape, &self.points(weights, reaches))
@@ -634,13 +718,13 @@ impl<'a> Fit<'a> {
 
     /// What is made small.
     fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
-        let scores = self.landscape.scores_at(&self.points(weights, reaches));
+        let scores = self.landscape.scores_at(&self.around(weights, reaches));
         let counted = |&score: &f32| {
             let score = f64::from(score);
             score.min(FAR) + 0.2 * (score - FAR).max(0.0)
         };
         let sum: f64 = scores.iter().map(counted).sum();
-        let count = reaches.len().max(1) as f64;
+        let count = scores.len().max(1) as f64;
         let (pull, first) = self.pull(reaches);
         let away = weights - self.known(weights.shape());
         sum / count + pull * away.columns_range(first..).norm_squared()
@@ -707,7 +791,7 @@ impl<'a> Fit<'a> {
     fn slope(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Slope {
         let (rows, columns) = weights.shape();
         let size = rows * columns;
-        let points = self.points(weights, reaches);
+        let points = self.around(weights, reaches);
         let slopes = self.landscape.slopes_at(&points);
         let mut steep: Vec<f64> = slopes.iter().map(|slope| slope.scale.sum()).collect();
         let each = steep.clone();
@@ -716,7 +800,7 @@ impl<'a> Fit<'a> {
         let mut curvature = DMatrix::zeros(size, size);
         let (mut gradient, mut scale) = (DVector::zeros(size), DVector::zeros(size));
         for (((reach, point), slope), steepness) in points.iter().zip(&slopes).zip(&each) {
-            let share = (3.0 * usual / steepness.max(1e-12)).min(1.0) / reaches.len().max(1) as f64;
+            let share = (3.0 * usual / steepness.max(1e-12)).min(1.0) / points.len().max(1) as f64;
             let terms = &self.terms[*reach][..columns];
             // A parameter on its bound that is pushed further has no slope.
             let free: Vec<usize> = (0..rows)

@@ -169,11 +169,11 @@ fn trials(learned: &map::LearnedMap) -> String {
         ]);
     }
     format!(
-        "{}left out: learned without the reach and all within {:.0} cm of its target; kept is the one of least distance that is {}, trusted up to \
-         {:.0} cm from a learned target\n",
+        "{}left out: learned without the reach and all within {:.0} cm of its target; kept: {}, trusted up to {:.0} cm \
+         from a learned target\n",
         table(&rows),
         map::NEAR * 100.0,
-        format!("{:?}", learned.degree).to_lowercase(),
+        learned.kept,
         learned.radius * 100.0,
     )
 }
