@@ -6,11 +6,12 @@
 //! fitted by the same Levenberg and Marquardt's method as a reach, from one vector for all reaches up: first that vector
 //! alone, then an affine map from it, then a quadratic one.
 //!
+//! Each degree is also fitted *blurred*: to points around each reach's, so that parameters a little off still serve. That
+//! gives away some distance on what is learned from, and mostly more hands arrive on what is not. Of the maps about as
+//! good as the best on reaches left out, the one whose hands arrive most often is kept.
+//!
 //! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
 //! the fewer reaches there are, the stronger.
-//!
-//! Each is also fitted *blurred*: to points around each reach's, so that parameters a little off still serve. That gives
-//! away some distance on what is learned from, and more hands arrive on what is not.
 //!
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
@@ -44,6 +45,8 @@ const AROUND: u32 = 4;
 const WIDTH: f64 = 0.14;
 /// Of ways whose distances differ by less than this share, the one whose hands arrive most often is kept.
 const AS_GOOD: f64 = 0.03;
+/// Reaches' own vectors that a fold's fit begins with, to go on with the best.
+const BEGINNINGS: usize = 3;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
 /// A reach that is left out takes with it all whose targets are this near, metres.
@@ -251,7 +254,10 @@ pub fn learn(
         attempt(&with, "another's map, adapted", degree, &mut from)?;
     }
     // Each degree's fits go on from those of the degree before.
-    let mut from = Weights::all(one, folds.len());
+    let mut from = Weights {
+        whole: one,
+        parts: fit.beginnings(problem, own, &folds),
+    };
     let (blurred, mut from_blurred) = (fit.blurred(), from.clone());
     for degree in Degree::ALL {
         // What cannot be tried is kept simple.
@@ -495,8 +501,16 @@ fn shares(problem: &Problem, parameters: &[f64]) -> Vec<f64> {
     parameters.iter().zip(bounds).map(share).collect()
 }
 
-/// Groups of reaches, and those that are far from all of the group's targets.
-fn folds(problem: &Problem) -> Vec<(Vec<usize>, Vec<usize>)> {
+/// What a score counts while fitting.
+fn counted(score: f32) -> f64 {
+    let score = f64::from(score);
+    score.min(FAR) + 0.2 * (score - FAR).max(0.0)
+}
+
+/// A group of reaches that is left out, and the reaches that are kept: those far from all of the group's targets.
+type Fold = (Vec<usize>, Vec<usize>);
+
+fn folds(problem: &Problem) -> Vec<Fold> {
     let count = problem.tasks.len();
     let groups = count.min(MOST_FOLDS);
     let group = |g: usize| {
@@ -514,7 +528,7 @@ fn folds(problem: &Problem) -> Vec<(Vec<usize>, Vec<usize>)> {
 }
 
 /// The furthest that a reach left out was from all that were kept, metres.
-fn gap(problem: &Problem, folds: &[(Vec<usize>, Vec<usize>)]) -> f64 {
+fn gap(problem: &Problem, folds: &[Fold]) -> f64 {
     let target = |reach: usize| problem.tasks[reach].target;
     let gaps = folds.iter().flat_map(|(left_out, kept)| {
         left_out.iter().map(move |&reach| {
@@ -628,6 +642,7 @@ fn spread_out(targets: Vec<Point>) -> Vec<Point> {
 }
 
 /// The reaches that maps are fitted to.
+#[derive(Clone)]
 struct Fit<'a> {
     landscape: &'a Landscape<'a>,
     /// Each reach's terms.
@@ -659,19 +674,49 @@ impl<'a> Fit<'a> {
     /// The same, blurred.
     fn blurred(&self) -> Self {
         Fit {
-            terms: self.terms.clone(),
-            known: self.known.clone(),
             blurred: true,
-            ..*self
+            ..self.clone()
         }
+    }
+
+    /// For each fold a vector for the reaches that it keeps, which has seen no other: the best of their own vectors that
+    /// serve them all best, descended from.
+    fn beginnings(&self, problem: &Problem, own: &[Vec<f64>], folds: &[Fold]) -> Vec<DMatrix<f64>> {
+        let count = problem.tasks.len();
+        let vectors: Vec<Vec<f64>> = own.iter().map(|own| shares(problem, own)).collect();
+        let pairs = (0..count).flat_map(|reach| (0..count).map(move |vector| (vector, reach)));
+        let asked: Vec<(usize, Vec<f32>)> = pairs
+            .map(|(vector, reach)| {
+                let point = vectors[vector].iter().map(|&share| share as f32);
+                (reach, point.collect())
+            })
+            .collect();
+        let scores = self.landscape.scores_at(&asked);
+        let beginning = |(_, kept): &Fold| {
+            let all = |vector: usize| -> f64 {
+                let each = kept
+                    .iter()
+                    .map(|&reach| counted(scores[reach * count + vector]));
+                each.sum()
+            };
+            let mut order: Vec<(f64, usize)> = kept.iter().map(|&v| (all(v), v)).collect();
+            order.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let descended = order.iter().take(BEGINNINGS).map(|&(_, vector)| {
+                let start = DMatrix::from_column_slice(vectors[vector].len(), 1, &vectors[vector]);
+                let found = self.descend(start, kept);
+                (self.cost(&found, kept), found)
+            });
+            let best = descended.min_by(|a, b| a.0.total_cmp(&b.0));
+            best.map_or(DMatrix::zeros(problem.genes(), 1), |(_, found)| found)
+        };
+        folds.par_iter().map(beginning).collect()
     }
 
     /// The same with coefficients drawn to these.
     fn drawn_to(&self, known: DMatrix<f64>) -> Self {
         Fit {
-            terms: self.terms.clone(),
             known: Some(known),
-            ..*self
+            ..self.clone()
         }
     }
 
@@ -719,11 +764,7 @@ impl<'a> Fit<'a> {
     /// What is made small.
     fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
         let scores = self.landscape.scores_at(&self.around(weights, reaches));
-        let counted = |&score: &f32| {
-            let score = f64::from(score);
-            score.min(FAR) + 0.2 * (score - FAR).max(0.0)
-        };
-        let sum: f64 = scores.iter().map(counted).sum();
+        let sum: f64 = scores.iter().map(|&score| counted(score)).sum();
         let count = scores.len().max(1) as f64;
         let (pull, first) = self.pull(reaches);
         let away = weights - self.known(weights.shape());

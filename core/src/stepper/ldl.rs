@@ -42,7 +42,7 @@ impl<T: Real, const M: usize> Ldl<T, M> {
         Ldl { factors: f, trace }
     }
 
-    /// Whether the matrix is far enough from singular for this factorisation to be exact enough: surely so where
+    /// Whether the matrix is far enough from singular for this factorisation to be exact enough: true only where
     /// λ_min/λ_max > 3e-4, that is σ_min/σ_max > 0.017. Of M eigenvalues with sum s and product p,
     /// λ_min ≥ p·((M−1)/s)^(M−1). False where anything is NaN.
     #[inline(always)]

@@ -41,7 +41,7 @@ fn ldl(j: Jacobian, damping: f32) -> Ldl {
     return Ldl(f00, l10, f11, l20, l21, f22, trace);
 }
 
-/// Whether the matrix is far enough from singular for this factorisation to be exact enough: surely so where
+/// Whether the matrix is far enough from singular for this factorisation to be exact enough: true only where
 /// σ_min/σ_max > 0.017. False where anything is NaN.
 fn is_well_conditioned(f: Ldl) -> bool {
     let by = 2.0 / f.trace;

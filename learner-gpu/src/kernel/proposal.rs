@@ -156,11 +156,12 @@ pub fn propose(draws: &Draws, own: &[Row; 4], island: &[Vec<u32>], best: usize, 
             let varied = difference + if kind[me] == 2 { approach } else { jitter };
             let delta = if kind[me] == 3 { jitter } else { varied };
             let to = (x + delta).clamp(0, GENE as i32);
-            moved[me] = if takes_part(k, me, noise[k][me]) {
+            let end = if takes_part(k, me, noise[k][me]) {
                 to
             } else {
                 x
-            } as u32;
+            };
+            moved[me] = end as u32;
         }
         *out = moved;
     }
@@ -179,7 +180,7 @@ pub fn parameter(gene: u32, (lower, upper): (f32, f32)) -> f32 {
     lower + (upper - lower) * (gene as i32 as f32 * (1.0 / GENE as f32))
 }
 
-/// The gene that stands for a parameter: [`parameter`]'s inverse, and within the bounds.
+/// The gene that stands for a parameter, rounded down and within the bounds: [`parameter`]'s inverse.
 pub fn gene(parameter: f64, (lower, upper): (f32, f32)) -> u32 {
     let share = (parameter - f64::from(lower)) / f64::from(upper - lower);
     ((share * f64::from(GENE)) as u32).min(GENE)
