@@ -211,7 +211,7 @@ pub fn learn(
     ];
     let mut candidates: Vec<Candidate> = Vec::new();
     // Fits that begin with some weights, and how they do.
-    let mut attempt = |fit: &Fit<'_>, name: &str, degree: Degree, from: &mut Weights| {
+    let mut attempt = |fit: &Fit<'_>, name: String, degree: Degree, from: &mut Weights| {
         if stop.load(Ordering::Relaxed) {
             return Ok(());
         }
@@ -234,24 +234,28 @@ pub fn learn(
             scored.extend(fit.points(part, left_out));
         }
         let fitted = fit.points(&from.whole, &all);
-        let trial = trial(problem, &landscape, name.to_owned(), &fitted, &scored)?;
         candidates.push(Candidate {
-            name: name.to_owned(),
-            score: trial.left_out_cm.unwrap_or(trial.fitted_cm),
-            arrived: trial.arrived.unwrap_or_default(),
+            trial: trial(problem, &landscape, name, &fitted, &scored)?,
             degree,
             weights: from.whole.clone(),
             adapted: fit.known.is_some(),
         });
-        trials.push(trial);
         Ok::<(), TaskError>(())
     };
     if let Some(known) = known {
         let weights = weights(problem, known);
         let with = fit.drawn_to(weights.clone());
         let degree = known.degree.max(Degree::Affine);
-        let mut from = Weights::all(weights, folds.len());
-        attempt(&with, "another's map, adapted", degree, &mut from)?;
+        let mut from = Weights {
+            parts: vec![weights.clone(); folds.len()],
+            whole: weights,
+        };
+        attempt(
+            &with,
+            "another's map, adapted".to_owned(),
+            degree,
+            &mut from,
+        )?;
     }
     // Each degree's fits go on from those of the degree before.
     let mut from = Weights {
@@ -265,21 +269,18 @@ pub fn learn(
             break;
         }
         let name = format!("{degree:?} map").to_lowercase();
-        attempt(&fit, &name, degree, &mut from)?;
+        let name_blurred = format!("{name}, blurred");
+        attempt(&fit, name, degree, &mut from)?;
         if !folds.is_empty() {
-            attempt(
-                &blurred,
-                &format!("{name}, blurred"),
-                degree,
-                &mut from_blurred,
-            )?;
+            attempt(&blurred, name_blurred, degree, &mut from_blurred)?;
         }
     }
     if stop.load(Ordering::Relaxed) {
         return Ok(None);
     }
+    trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
     let Some(Candidate {
-        name: kept,
+        trial: Trial { name: kept, .. },
         degree,
         weights,
         adapted,
@@ -323,12 +324,7 @@ pub fn learn(
 
 /// A fitted map, and how it does.
 struct Candidate {
-    /// Its trial's.
-    name: String,
-    /// The mean distance on reaches left out, cm (of all, where none could be).
-    score: f64,
-    /// The share of these whose hands arrive.
-    arrived: f64,
+    trial: Trial,
     degree: Degree,
     weights: DMatrix<f64>,
     /// Whether it is another's, adapted.
@@ -337,14 +333,22 @@ struct Candidate {
 
 /// The candidate that is kept: of those within [`AS_GOOD`] of the least distance, the one whose hands arrive most often.
 fn chosen(candidates: Vec<Candidate>) -> Option<Candidate> {
-    let scores = candidates.iter().map(|candidate| candidate.score);
+    // Where none could be left out, what was fitted has to do.
+    let score = |candidate: &Candidate| {
+        candidate
+            .trial
+            .left_out_cm
+            .unwrap_or(candidate.trial.fitted_cm)
+    };
+    let scores = candidates.iter().map(score);
     let limit = scores.fold(f64::INFINITY, f64::min) * (1.0 + AS_GOOD);
     let good = candidates
         .into_iter()
-        .filter(|candidate| candidate.score <= limit);
+        .filter(|candidate| score(candidate) <= limit);
     good.min_by(|a, b| {
-        let by_score = a.score.total_cmp(&b.score);
-        b.arrived.total_cmp(&a.arrived).then(by_score)
+        let arrived = |candidate: &Candidate| candidate.trial.arrived.unwrap_or_default();
+        let by_score = score(a).total_cmp(&score(b));
+        arrived(b).total_cmp(&arrived(a)).then(by_score)
     })
 }
 
@@ -353,15 +357,6 @@ fn chosen(candidates: Vec<Candidate>) -> Option<Candidate> {
 struct Weights {
     whole: DMatrix<f64>,
     parts: Vec<DMatrix<f64>>,
-}
-
-impl Weights {
-    fn all(weights: DMatrix<f64>, folds: usize) -> Self {
-        Weights {
-            parts: vec![weights.clone(); folds],
-            whole: weights,
-        }
-    }
 }
 
 /// The best vector for some reaches together, by the population, as weights of the first term.
