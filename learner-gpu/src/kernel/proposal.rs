@@ -65,14 +65,12 @@ pub fn first(draws: &Draws, genes: usize) -> [u32; MOST_GENES] {
     out
 }
 
-/// Writes to `out` the genes of an island's members in generation 0, where `draws` are those of its first.
+/// Writes to `out` the genes of an island's members in generation 0 ([`first`]), where `draws` are those of its first.
 #[inline(always)]
 pub fn firsts(draws: &Draws, out: &mut [Row]) {
-    for me in 0..ISLAND {
-        let member = draws.member + me as u32;
-        let genes = first(&Draws { member, ..*draws }, out.len());
-        for (row, gene) in out.iter_mut().zip(genes) {
-            row[me] = gene;
+    for (four, rows) in out.chunks_mut(4).enumerate() {
+        for (row, draws) in rows.iter_mut().zip(blocks(draws, 1 + four as u32)) {
+            *row = draws.map(|draw| draw >> 8);
         }
     }
 }
