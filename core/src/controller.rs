@@ -6,7 +6,7 @@ use crate::kinematics::Kinematics;
 use crate::math::MOST_ANGLE;
 use crate::real::Real;
 use crate::stepper::Stepper;
-use crate::synergy::Synergy;
+use crate::synergy::{Synergy, Timing};
 use crate::target::Target;
 
 /// Whether a tick keeps the DoFs within the chain's limits.
@@ -37,6 +37,7 @@ pub struct Controller<'a, T, S, const N: usize> {
 pub struct State<T, const N: usize> {
     q: [T; N],
     tick: u32,
+    timing: Timing<T, N>,
 }
 
 impl<T: Real, const N: usize> State<T, N> {
@@ -100,18 +101,22 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
     /// The state at a motion's beginning: `q` moved within the limits (to the lower one where it is NaN).
     #[inline(always)]
     pub fn start(&self, q: [T; N]) -> State<T, N> {
-        self.resume(q, 0)
+        let mut state = State {
+            q,
+            tick: 0,
+            timing: Timing::new(&self.synergy, self.dt),
+        };
+        self.place(&mut state, q);
+        state
     }
 
-    /// The state `ticks` periods into a motion: [`start`](Self::start) for who changes the joint vector between
-    /// ticks, as a speed limit does.
+    /// Another joint vector at the same time, moved within the limits: for who changes it between ticks, as a speed limit
+    /// does.
     #[inline(always)]
-    pub fn resume(&self, q: [T; N], ticks: u32) -> State<T, N> {
-        let mut q = q;
+    pub fn place(&self, state: &mut State<T, N>, q: [T; N]) {
         for i in 0..N {
-            q[i] = q[i].within(self.lower[i], self.upper[i]);
+            state.q[i] = q[i].within(self.lower[i], self.upper[i]);
         }
-        State { q, tick: ticks }
     }
 
     /// One tick: the state one period later. What comes out is finite and within the limits, whatever the target.
@@ -131,7 +136,8 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
     ) {
         let error = target.error(at);
         let step = self.stepper.step(&at.columns::<M>(), &error, self.gain);
-        let step = self.synergy.apply(&step, T::count(state.tick) * self.dt);
+        let (synergy, tick) = (&self.synergy, state.tick);
+        let step = state.timing.apply(synergy, &step, tick, self.dt);
         for i in 0..N {
             // A step that is no number moves nothing.
             let step = T::select(step[i].is_sane(), step[i], T::zero());

@@ -208,6 +208,12 @@ impl<T: Real, const N: usize> Synergy<T, N> {
     /// ΔΘ′ = φ(t) ∘ (M·ΔΘ), `t` in seconds since the motion began.
     #[inline(always)]
     pub fn apply(&self, step: &[T; N], t: T) -> [T; N] {
+        self.weigh(step, &self.rests(t))
+    }
+
+    /// The same with the sigmoids' rests at hand.
+    #[inline(always)]
+    fn weigh(&self, step: &[T; N], rests: &[T; N]) -> [T; N] {
         let mut out = *step;
         match &self.gains {
             Gains::Diagonal(gains) => {
@@ -223,15 +229,44 @@ impl<T: Real, const N: usize> Synergy<T, N> {
         }
         match &self.time {
             Time::Constant => {}
-            Time::Shared { offset, slope } => {
-                let phi = sigmoid(*offset, *slope, t);
+            Time::Shared { .. } => {
+                let phi = sigmoid(rests.first().copied().unwrap_or(T::zero()));
                 for i in 0..N {
                     out[i] = phi * out[i];
                 }
             }
+            Time::Each { .. } => {
+                for i in 0..N {
+                    out[i] = sigmoid(rests[i]) * out[i];
+                }
+            }
+        }
+        out
+    }
+
+    /// e^(offset − slope·t) of each sigmoid; of a shared one, in the first place.
+    #[inline(always)]
+    fn rests(&self, t: T) -> [T; N] {
+        self.each(
+            #[inline(always)]
+            |offset, slope| (offset - slope * t).exp(),
+        )
+    }
+
+    /// Something of each sigmoid; of a shared one, in the first place. Zero where there is none.
+    #[inline(always)]
+    fn each(&self, f: impl Fn(T, T) -> T) -> [T; N] {
+        let mut out = [T::zero(); N];
+        match &self.time {
+            Time::Constant => {}
+            Time::Shared { offset, slope } => {
+                if let Some(first) = out.first_mut() {
+                    *first = f(*offset, *slope);
+                }
+            }
             Time::Each { offset, slope } => {
                 for i in 0..N {
-                    out[i] = sigmoid(offset[i], slope[i], t) * out[i];
+                    out[i] = f(offset[i], slope[i]);
                 }
             }
         }
@@ -239,10 +274,63 @@ impl<T: Real, const N: usize> Synergy<T, N> {
     }
 }
 
-/// 1/(1 + e^(−slope·t + offset)).
+/// 1/(1 + e^(offset − slope·t)), of its rest.
 #[inline(always)]
-fn sigmoid<T: Real>(offset: T, slope: T, t: T) -> T {
-    T::one() / (T::one() + (offset - slope * t).exp())
+fn sigmoid<T: Real>(rest: T) -> T {
+    T::one() / (T::one() + rest)
+}
+
+/// After so many ticks the rests are computed anew.
+const FRESH: u32 = 64;
+
+/// A synergy's sigmoids as a motion runs, period by period: of each, the rest e^(offset − slope·t), which falls by the
+/// same factor in every period.
+///
+/// So a tick pays for a product instead of an exponential. What products lose is made good by an exponential every 64
+/// ticks: sigmoids are within 1e-6 of what they should be in `f32`. Far outside of the model's bounds an exponent
+/// saturates; then a sigmoid may be up to 64 ticks early, but lies between 0 and 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Timing<T, const N: usize> {
+    rests: [T; N],
+    falls: [T; N],
+}
+
+impl<T: Real, const N: usize> Timing<T, N> {
+    /// At a motion's beginning. `dt` is the period in seconds.
+    #[inline(always)]
+    pub(crate) fn new(synergy: &Synergy<T, N>, dt: T) -> Self {
+        Timing {
+            rests: synergy.rests(T::zero()),
+            falls: synergy.each(
+                #[inline(always)]
+                |_, slope| (-(slope * dt)).exp(),
+            ),
+        }
+    }
+
+    /// ΔΘ′ of tick `tick`, counted from 0, and on to the next: to be asked for every tick in turn.
+    #[inline(always)]
+    pub(crate) fn apply(
+        &mut self,
+        synergy: &Synergy<T, N>,
+        step: &[T; N],
+        tick: u32,
+        dt: T,
+    ) -> [T; N] {
+        if tick.is_multiple_of(FRESH) {
+            self.rests = synergy.rests(T::count(tick) * dt);
+        }
+        let out = synergy.weigh(step, &self.rests);
+        let sigmoids = match synergy.time {
+            Time::Constant => 0,
+            Time::Shared { .. } => 1,
+            Time::Each { .. } => N,
+        };
+        for (rest, fall) in self.rests.iter_mut().zip(&self.falls).take(sigmoids) {
+            *rest = *rest * *fall;
+        }
+        out
+    }
 }
 
 #[cfg(all(test, feature = "libm"))]
@@ -306,5 +394,55 @@ mod tests {
         );
         assert_eq!([2, 3].map(|k| bounds(Model::D, k)), [(0.0, 20.0); 2]);
         assert_eq!([4, 5].map(|k| bounds(Model::D, k)), [(1.0, 10.0); 2]);
+    }
+
+    /// Products instead of exponentials, over long motions and at the bounds.
+    fn furthest<T: Real + Into<f64>>(rate: f64) -> f64 {
+        let mut furthest: f64 = 0.0;
+        for offset in [0.0, 0.1, 5.0, 20.0] {
+            for slope in [1.0, 3.7, 10.0] {
+                let synergy =
+                    Synergy::<T, 1>::d([T::one()], [T::of(offset)], [T::of(slope)]).unwrap();
+                let dt = T::of(1.0 / rate);
+                let mut timing = Timing::new(&synergy, dt);
+                for tick in 0..3000 {
+                    let [found] = timing.apply(&synergy, &[T::one()], tick, dt);
+                    let t = f64::from(tick) * dt.into();
+                    let (offset, slope): (f64, f64) = (T::of(offset).into(), T::of(slope).into());
+                    let exact = 1.0 / (1.0 + libm::exp(offset - slope * t));
+                    furthest = furthest.max((found.into() - exact).abs());
+                }
+            }
+        }
+        furthest
+    }
+
+    #[test]
+    fn sigmoids_stay_exact_however_long_the_motion() {
+        for rate in [60.0, 1000.0] {
+            assert!(furthest::<f32>(rate) < 1e-6);
+            assert!(furthest::<f64>(rate) < 3e-15);
+        }
+    }
+
+    #[test]
+    fn a_sigmoid_too_steep_for_its_period_is_between_0_and_1() {
+        for (offset, slope) in [
+            (9e3, 9e3),
+            (-9e3, -9e3),
+            (9e3, -9e3),
+            (-9e3, 9e3),
+            (80.0, 9e3),
+        ] {
+            let synergy = Synergy::<f32, 2>::c([1.0, -1.0], offset, slope).unwrap();
+            let mut timing = Timing::new(&synergy, 1.0);
+            for tick in 0..200 {
+                let [up, down] = timing.apply(&synergy, &[1.0; 2], tick, 1.0);
+                assert!(
+                    (0.0..=1.0).contains(&up) && down == -up,
+                    "{offset} {slope} {up}"
+                );
+            }
+        }
     }
 }

@@ -8,7 +8,7 @@
 //! that joint limits keep out of reach is approached as far as it goes, and then the arm is still.
 
 use sinew::chain::{Chain, Kind, Shift, human_arm};
-use sinew::controller::{Controller, Limits};
+use sinew::controller::{Controller, Limits, State};
 use sinew::stepper::{AnyStepper, Stepper, Transpose};
 use sinew::synergy::{Model, Synergy};
 use sinew::target::Position;
@@ -92,8 +92,8 @@ pub struct Arm {
     q: [f32; DOFS],
     /// The last tick's step.
     step: [f32; DOFS],
-    /// Ticks since the motion began.
-    ticks: u32,
+    /// Of the motion that runs, as far as it has come.
+    motion: State<f32, DOFS>,
     /// The tip's distance to its target, metres, the least so far, and when that was.
     distance: f32,
     nearest: f32,
@@ -114,6 +114,7 @@ impl Arm {
             synergy: Synergy::a(1.0)?,
             delay: 0.0,
         };
+        let motion = controller(&chain, &bare)?.start([0.0; DOFS]);
         let mut arm = Arm {
             length: length(&chain),
             chain,
@@ -126,7 +127,7 @@ impl Arm {
             moved: 0.0,
             q: [0.0; DOFS],
             step: [0.0; DOFS],
-            ticks: 0,
+            motion,
             distance: 0.0,
             nearest: 0.0,
             nearest_at: 0,
@@ -208,11 +209,12 @@ impl Arm {
             1.0
         };
         let within = |i: usize| base[i] + scale * from[i];
-        self.target = Some(Position::new([within(0), within(1), within(2)])?);
+        let target = Position::new([within(0), within(1), within(2)])?;
+        self.motion = controller(&self.chain, &style)?.start(self.q);
+        self.target = Some(target);
         self.moved = (far - self.length).most(0.0);
         self.now = style;
         self.mode = Mode::Moving;
-        self.ticks = 0;
         self.nearest = f32::MAX;
         self.nearest_at = 0;
         Ok(())
@@ -258,11 +260,10 @@ impl Arm {
         let Ok(controller) = controller(&self.chain, &self.now) else {
             return self.q;
         };
-        let mut state = controller.resume(self.q, self.ticks);
-        let at = self.chain.forward(state.angles());
-        controller.advance(&mut state, &at, &target);
-        let next = *state.angles();
-        self.ticks = self.ticks.saturating_add(1);
+        controller.place(&mut self.motion, self.q);
+        let at = self.chain.forward(self.motion.angles());
+        controller.advance(&mut self.motion, &at, &target);
+        let next = *self.motion.angles();
         let (tip, columns) = (at.tip(), at.columns());
         self.look(tip, target.coordinates());
         let share = self.share(&next, &columns);
@@ -287,7 +288,7 @@ impl Arm {
         let tip = Real::sqrt(tip[0] * tip[0] + tip[1] * tip[1] + tip[2] * tip[2]);
         let room = longest * self.distance / tip.most(1e-12);
         // The longer it gets no nearer, the slower: a stepper that swings about the nearest reach comes to rest there.
-        let stalled = (self.ticks - self.nearest_at) as f32 / FADE;
+        let stalled = (self.motion.ticks() - self.nearest_at) as f32 / FADE;
         self.pace.share(longest, room) / (1.0 + stalled * stalled)
     }
 
@@ -295,11 +296,11 @@ impl Arm {
     fn look(&mut self, tip: [f32; 3], target: [f32; 3]) {
         let [x, y, z] = [tip[0] - target[0], tip[1] - target[1], tip[2] - target[2]];
         self.distance = Real::sqrt(x * x + y * y + z * z);
-        let began = self.ticks as f32 * PERIOD > self.now.delay;
+        let began = self.motion.ticks() as f32 * PERIOD > self.now.delay;
         if !began || self.distance < self.nearest - PROGRESS {
             self.nearest = self.distance;
-            self.nearest_at = self.ticks;
-        } else if self.ticks - self.nearest_at > PATIENCE {
+            self.nearest_at = self.motion.ticks();
+        } else if self.motion.ticks() - self.nearest_at > PATIENCE {
             self.mode = Mode::Holding;
         }
     }
@@ -341,7 +342,7 @@ impl Arm {
 
     /// Ticks since the motion began.
     pub fn ticks(&self) -> u32 {
-        self.ticks
+        self.motion.ticks()
     }
 }
 

@@ -10,8 +10,8 @@ fn start(arm: Arm) -> Joints {
 }
 
 /// The joint vector one period later, by a step of inverse kinematics.
-fn tick(arm: Arm, parameters: Parameters, q: Joints, optimised: Joints, count: u32) -> Joints {
-    let step = apply(parameters, optimised, f32(count) * run.dt);
+fn tick(arm: Arm, parameters: Parameters, q: Joints, optimised: Joints, rests: Sigmoids) -> Joints {
+    let step = apply(parameters, optimised, rests);
     return Joints(
         // A step that is no number moves nothing.
         //% for i in range(dofs)
