@@ -9,19 +9,22 @@
 //!    and one that is rarely found needs to be found only once;
 //! 4. **restart**: the worse half of each set's islands begins anew.
 //!
-//! The best is never lost: its island is never in the worse half. The search has settled when rounds gain nothing more.
+//! The best is never lost: its island is never in the worse half. The search has settled when rounds gain nothing more on
+//! the whole. Then the sets alone that still gain go on with descents, until they do not; and in the end the best members
+//! are scored again in `f64`.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
-use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, parameter};
+use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
 use crate::problem::{Problem, Settings};
 use crate::refine::{Landscape, Start};
 use crate::synergies::score;
@@ -44,10 +47,19 @@ const SETTLED: f64 = 0.0075;
 /// Fewer rounds than this are never called settled.
 const LEAST_ROUNDS: usize = 4;
 
+/// Then sets that still gain go on alone, with descents only, until so many times in a row have gained less than this
+/// share; at most so often.
+const PATIENCE: u32 = 3;
+const WORTH: f32 = 1e-3;
+const MOST_ENCORES: usize = 64;
+
 /// Rounds of the search for the model within, at most.
-const MOST_POORER: u32 = 8;
+const MOST_POORER: u32 = 16;
 /// And its islands for each set.
 const MOST_ISLANDS_POORER: usize = 8;
+
+/// So many of a set's members are scored again in the end.
+const FINALISTS: usize = 64;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -236,20 +248,21 @@ impl Search {
             problem, landscape, ..
         } = ground;
         let count = AtomicU64::new(0);
-        let mut own = self.starts(ground);
+        let round = Round {
+            number: self.bests.len(),
+            generation: self.generation,
+            encore: 0,
+        };
+        let mut own = round.starts(ground, &self.islands, |_| true);
         if self.bests.is_empty() {
             let Some(poorer) = poorer(problem, &count, stop)? else {
                 return Ok(false);
             };
             own.extend(poorer);
         }
-        let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
-        let Some(floors) = landscape.refine(&starts, &count, stop) else {
-            return Ok(false);
-        };
         let mut islands = self.islands.clone();
-        for ((place, _), floor) in own.iter().zip(&floors) {
-            islands[place.island].settle(place.member, floor);
+        if !ground.descend(&own, &mut islands, &count, stop) {
+            return Ok(false);
         }
 
         // Others' bests are tried after the descents, with what these have found.
@@ -272,90 +285,21 @@ impl Search {
             *offered = score;
         }
 
+        let now = mean(&bests(&islands, problem.islands));
+        let rounds = self.bests.len() + 1;
+        let earlier = self.bests.get((rounds / 2).wrapping_sub(1)).copied();
+        let settled =
+            rounds >= LEAST_ROUNDS && earlier.is_some_and(|earlier| earlier - now < SETTLED * now);
+        if settled && !round.encores(ground, &mut islands, &count, stop) {
+            return Ok(false);
+        }
+
         self.restart(problem, &mut islands);
         self.islands = islands;
         self.evaluations += count.into_inner();
         self.bests.push(self.progress(problem).best);
-        let half = self.bests.len() / 2;
-        if let (Some(&now), Some(&earlier)) =
-            (self.bests.last(), self.bests.get(half.wrapping_sub(1)))
-        {
-            self.settled = self.bests.len() >= LEAST_ROUNDS && earlier - now < SETTLED * now;
-        }
+        self.settled = settled;
         Ok(true)
-    }
-
-    /// Where this round's descents begin, and which member of which island gives way to what they find.
-    ///
-    /// First the best of each island (of the best islands, where there are many: half of the descents are for the [`Way`]s
-    /// that follow, in turn).
-    fn starts(&self, ground: &Ground<'_>) -> Vec<(Place, Start)> {
-        let Ground {
-            problem, guesses, ..
-        } = ground;
-        let dofs = problem.dofs();
-        let (part, parts) = problem.settings.parts(dofs);
-        let bests = bests(&self.islands, problem.islands);
-        let ways = match self.bests.is_empty() {
-            true => &[Way::Guess, Way::Member][..],
-            false => &[Way::GuessAgain, Way::Graft, Way::Redraw, Way::Graft][..],
-        };
-        let mut starts = Vec::new();
-        let sets = self.islands.chunks(problem.islands.max(1));
-        for (((set, islands), guesses), &(best, beat)) in sets.enumerate().zip(guesses).zip(&bests)
-        {
-            let mut order: Vec<usize> = (0..islands.len()).collect();
-            order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
-            let leaders = order
-                .iter()
-                .map(|&island| (island, islands[island].leader(), Way::Member))
-                .take(DESCENTS / 2);
-            // Strides without a factor in common with an island's size meet every member in time.
-            let turn = self.bests.len() * 7;
-            let others = (0..ISLAND).flat_map(|k| {
-                let member = move |island| (island, (turn + 5 * k + island) % ISLAND);
-                order.iter().map(move |&island| member(island))
-            });
-            let others = others.zip(ways.iter().cycle());
-            let others = others.map(|((island, member), &way)| (island, member, way));
-            for (number, (island, member, way)) in leaders.chain(others).take(DESCENTS).enumerate()
-            {
-                let draws = draws(problem, set, number, self.generation);
-                let [first, second, kind, other] = draws.block(MOST_BLOCKS);
-                let noise = |k: usize| draws.block(MOST_BLOCKS + 1 + k as u32 / 4)[k % 4];
-                // The parts that are changed: one or two.
-                let first = first as usize % parts;
-                let second = match kind & 1 {
-                    0 => first,
-                    _ => second as usize % parts,
-                };
-                let mut genes = best.to_vec();
-                let changed = (0..genes.len()).filter(|&k| part[k] == first || part[k] == second);
-                match way {
-                    Way::Member => genes = islands[island].member(member),
-                    Way::Guess => genes = guesses.draw(problem.genes(), noise),
-                    Way::GuessAgain => {
-                        guesses.put(&mut genes, first, noise(0));
-                        guesses.put(&mut genes, second, noise(1));
-                    }
-                    Way::Redraw => changed.for_each(|k| genes[k] = noise(k) >> 8),
-                    Way::Graft => {
-                        let donor = other as usize % bests.len();
-                        let from = match donor == set {
-                            true => &islands[island].best[..],
-                            false => bests[donor].0,
-                        };
-                        changed.for_each(|k| genes[k] = from[k]);
-                    }
-                }
-                let place = Place {
-                    island: set * problem.islands + island,
-                    member,
-                };
-                starts.push((place, Start { set, genes, beat }));
-            }
-        }
-        starts
     }
 
     /// Sorts each set's islands, the best first, and begins the worse half of them anew.
@@ -405,7 +349,7 @@ impl Search {
     }
 
     fn progress(&self, problem: &Problem) -> Progress {
-        let bests = bests(&self.islands, problem.islands).into_iter();
+        let bests = bests(&self.islands, problem.islands);
         let members = self
             .islands
             .iter()
@@ -415,28 +359,26 @@ impl Search {
             .map(|&score| f64::from(score));
         Progress {
             generation: self.generation,
-            best: bests.map(|(_, score)| f64::from(score)).sum::<f64>()
-                / problem.sets.len().max(1) as f64,
+            best: mean(&bests),
             mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
         }
     }
 
-    /// Each set's best parameters, chosen among its islands' bests by the core in `f64`, with the distance in metres
-    /// of each of the set's motions.
+    /// Each set's best parameters, chosen among the best members by the core in `f64`, with the distance in metres of each
+    /// of the set's motions. (Where a motion swings about its target, the last bits of `f32` grow to some per cent.)
     ///
     /// # Errors
     /// A task that the core refuses.
     pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
         let bounds = problem.settings.bounds(problem.dofs());
-        let islands = self.islands.chunks(problem.islands.max(1));
         let winner = |(set, islands): (&Vec<usize>, &[Island])| {
             let mut winner = Winner {
                 parameters: Vec::new(),
                 distances: Vec::new(),
             };
             let mut least = f64::INFINITY;
-            for island in islands {
-                let genes = island.best.iter().zip(&bounds);
+            for genes in finalists(islands) {
+                let genes = genes.iter().zip(&bounds);
                 let parameters: Vec<f64> = genes
                     .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
                     .collect();
@@ -455,7 +397,173 @@ impl Search {
             }
             Ok(winner)
         };
-        problem.sets.iter().zip(islands).map(winner).collect()
+        let islands = self.islands.par_chunks(problem.islands.max(1));
+        problem.sets.par_iter().zip(islands).map(winner).collect()
+    }
+}
+
+/// The genes that may be a set's best: those with the least scores ever and now.
+fn finalists(islands: &[Island]) -> Vec<Vec<u32>> {
+    let each = islands.iter().flat_map(|island| {
+        let members = (0..ISLAND).map(move |member| (island.scores[member], island, Some(member)));
+        members.chain([(island.best_score, island, None)])
+    });
+    let mut all: Vec<(f32, &Island, Option<usize>)> = each.collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let genes = |&(_, island, member): &(f32, &Island, Option<usize>)| match member {
+        Some(member) => island.member(member),
+        None => island.best.clone(),
+    };
+    // An island's best is mostly a member, too.
+    let mut genes: Vec<Vec<u32>> = all.iter().take(2 * FINALISTS).map(genes).collect();
+    genes.dedup();
+    genes.truncate(FINALISTS);
+    genes
+}
+
+/// A round, as far as its descents go.
+struct Round {
+    /// Rounds that ended before.
+    number: usize,
+    generation: u32,
+    /// How often it was repeated without generations ([`encores`](Self::encores)).
+    encore: usize,
+}
+
+impl Round {
+    /// Where this round's descents begin, and which member of which island gives way to what they find.
+    ///
+    /// First the best of each island (of the best islands, where there are many: half of the descents are for the [`Way`]s
+    /// that follow, in turn).
+    fn starts(
+        &self,
+        ground: &Ground<'_>,
+        islands: &[Island],
+        takes_part: impl Fn(usize) -> bool,
+    ) -> Vec<(Place, Start)> {
+        let Ground {
+            problem, guesses, ..
+        } = ground;
+        let dofs = problem.dofs();
+        let (part, parts) = problem.settings.parts(dofs);
+        let bests = bests(islands, problem.islands);
+        let ways = match (self.number, self.encore) {
+            (_, 1..) => &[
+                Way::GuessAgain,
+                Way::Along,
+                Way::Redraw,
+                Way::Graft,
+                Way::Along,
+            ][..],
+            (0, _) => &[Way::Guess, Way::Member][..],
+            _ => &[Way::GuessAgain, Way::Graft, Way::Redraw, Way::Graft][..],
+        };
+        // Leaders are on their valleys' floors when nothing was annealed since.
+        let leading = if self.encore == 0 { DESCENTS / 2 } else { 0 };
+        let mut starts = Vec::new();
+        let sets = islands.chunks(problem.islands.max(1)).enumerate();
+        let sets = sets.zip(guesses).zip(&bests);
+        for (((set, islands), guesses), &(best, beat)) in
+            sets.filter(|(((set, _), _), _)| takes_part(*set))
+        {
+            let mut order: Vec<usize> = (0..islands.len()).collect();
+            order.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
+            let leaders = order
+                .iter()
+                .map(|&island| (island, islands[island].leader(), Way::Member))
+                .take(leading);
+            // Strides without a factor in common with an island's size meet every member in time.
+            let turn = self.number * 7;
+            let others = (0..ISLAND).flat_map(|k| {
+                let member = move |island| (island, (turn + 5 * k + island) % ISLAND);
+                order.iter().map(move |&island| member(island))
+            });
+            let others = others.zip(ways.iter().cycle());
+            let others = others.map(|((island, member), &way)| (island, member, way));
+            for (number, (island, member, way)) in leaders.chain(others).take(DESCENTS).enumerate()
+            {
+                let number = self.encore * DESCENTS + number;
+                let draws = draws(problem, set, number, self.generation);
+                let [first, second, kind, other] = draws.block(MOST_BLOCKS);
+                let noise = |k: usize| draws.block(MOST_BLOCKS + 1 + k as u32 / 4)[k % 4];
+                // The parts that are changed: one or two.
+                let first = first as usize % parts;
+                let second = match kind & 1 {
+                    0 => first,
+                    _ => second as usize % parts,
+                };
+                let mut genes = best.to_vec();
+                let changed = (0..genes.len()).filter(|&k| part[k] == first || part[k] == second);
+                match way {
+                    Way::Member => genes = islands[island].member(member),
+                    Way::Guess => genes = guesses.draw(problem.genes(), noise),
+                    Way::GuessAgain => {
+                        guesses.put(&mut genes, first, noise(0));
+                        guesses.put(&mut genes, second, noise(1));
+                    }
+                    Way::Redraw => changed.for_each(|k| genes[k] = noise(k) >> 8),
+                    Way::Graft => {
+                        let donor = other as usize % bests.len();
+                        let from = match donor == set {
+                            true => &islands[island].best[..],
+                            false => bests[donor].0,
+                        };
+                        changed.for_each(|k| genes[k] = from[k]);
+                    }
+                    Way::Along => {
+                        let other = &islands[island];
+                        let other = match other.best == best {
+                            true => other.member(member),
+                            false => other.best.clone(),
+                        };
+                        let by = 2.0 * parameter(noise(0) >> 8, (0.0, 1.0)) - 0.5;
+                        for (to, from) in genes.iter_mut().zip(other) {
+                            let [at, from] = [*to, from].map(|gene| parameter(gene, (0.0, 1.0)));
+                            *to = gene((at + by * (at - from)).into(), (0.0, 1.0));
+                        }
+                    }
+                }
+                let place = Place {
+                    island: set * problem.islands + island,
+                    member,
+                };
+                starts.push((place, Start { set, genes, beat }));
+            }
+        }
+        starts
+    }
+
+    /// Once the search has settled as a whole: descents for the sets alone that still gain, until they do not. False where
+    /// `stop` was set meanwhile.
+    fn encores(
+        mut self,
+        ground: &Ground<'_>,
+        islands: &mut [Island],
+        count: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> bool {
+        let a_set = ground.problem.islands;
+        let mut idle = vec![0; ground.problem.sets.len()];
+        while idle.iter().any(|&idle| idle < PATIENCE) && self.encore < MOST_ENCORES {
+            self.encore += 1;
+            let scores = |islands: &[Island]| -> Vec<f32> {
+                let bests = bests(islands, a_set).into_iter();
+                bests.map(|(_, score)| score).collect()
+            };
+            let before = scores(islands);
+            let own = self.starts(ground, islands, |set| idle[set] < PATIENCE);
+            if !ground.descend(&own, islands, count, stop) {
+                return false;
+            }
+            let after = scores(islands);
+            for ((idle, before), after) in idle.iter_mut().zip(before).zip(after) {
+                match before - after > WORTH * after {
+                    true => *idle = 0,
+                    false => *idle += 1,
+                }
+            }
+        }
+        true
     }
 }
 
@@ -475,6 +583,24 @@ impl<'a> Ground<'a> {
             guesses: Guesses::new(problem)?,
         })
     }
+
+    /// Descends, and puts the floors in their places. False, and nothing is changed, where `stop` was set meanwhile.
+    fn descend(
+        &self,
+        own: &[(Place, Start)],
+        islands: &mut [Island],
+        count: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> bool {
+        let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
+        let Some(floors) = self.landscape.refine(&starts, count, stop) else {
+            return false;
+        };
+        for ((place, _), floor) in own.iter().zip(&floors) {
+            islands[place.island].settle(place.member, floor);
+        }
+        true
+    }
 }
 
 /// How a descent's start is found. The last three leave the set's best by one or two of its parts (a DoF's genes, or the
@@ -492,6 +618,8 @@ enum Way {
     Graft,
     /// Parts drawn anew.
     Redraw,
+    /// All of it, along the line through another island's best: a valley with ripples is crossed by strides.
+    Along,
 }
 
 /// Where the search of the model within this one ends, if there is one (S_A in S_B, S_C in S_D): each of its islands'
@@ -586,6 +714,12 @@ fn bests(islands: &[Island], a_set: usize) -> Vec<(&[u32], f32)> {
         .collect()
 }
 
+/// The mean of the sets' best scores, metres.
+fn mean(bests: &[(&[u32], f32)]) -> f64 {
+    let sum: f64 = bests.iter().map(|&(_, score)| f64::from(score)).sum();
+    sum / bests.len().max(1) as f64
+}
+
 /// The sets whose best has become better since it was last offered, and its genes.
 fn offers<'a>(islands: &'a [Island], a_set: usize, offered: &[f32]) -> Vec<(usize, &'a [u32])> {
     bests(islands, a_set)
@@ -670,7 +804,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("2 {backend} {problem:?}");
+        let identity = format!("3 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
