@@ -320,6 +320,9 @@ pub fn left_out(
     });
     let found: Vec<(Task, Vec<&[f64]>)> = found.flatten_iter().collect();
     let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().unzip();
+    if tasks.is_empty() {
+        return Ok(Some(Vec::new()));
+    }
     let asked = Problem {
         sets: (0..tasks.len()).map(|set| vec![set]).collect(),
         tasks,

@@ -334,6 +334,14 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
     // Without paths it is the map that serves, as with files from before there were any.
     let without = with_paths(&Value::Array(Vec::new()));
     assert!(text(&without.stdout).contains("a synergy of the map"));
+
+    // Of one reach none can be left out, and nothing is predicted.
+    assert!(
+        learn(folder.path(), &["--map", csv.to_str().unwrap()])
+            .status
+            .success()
+    );
+    assert!(json(&path)["map"].get("paths").is_none());
 }
 
 #[test]
