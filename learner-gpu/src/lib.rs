@@ -11,7 +11,7 @@
 //! - [`learn`]: the search from beginning to end
 //! - [`mod@bench`]: how fast each of the places is
 //! - [`refine`]: from a member to the floor of its valley
-//! - [`map`]: from a new target to parameters
+//! - [`map`], [`predict`]: from a new target to parameters
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
@@ -32,6 +32,7 @@ pub mod map;
 pub mod motion;
 pub mod output;
 pub mod play;
+pub mod predict;
 pub mod problem;
 pub mod recordings;
 pub mod refine;

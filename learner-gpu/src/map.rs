@@ -13,6 +13,9 @@
 //! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
 //! the fewer reaches there are, the stronger.
 //!
+//! Beside the maps, parameters are learned anew for the path that a reach is predicted to take ([`predict`]). Where that
+//! does better, the file keeps what it takes.
+//!
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
 
@@ -28,6 +31,7 @@ use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
+use crate::predict;
 use crate::problem::{ModelKind, Problem, with_dofs};
 use crate::refine::{Landscape, Slope};
 use crate::task::{Task, TaskError};
@@ -55,6 +59,8 @@ pub const NEAR: f64 = 0.05;
 const MOST_FOLDS: usize = 256;
 /// Learned targets that parameters are interpolated between.
 const NEIGHBOURS: usize = 4;
+/// The name of the trial of parameters learned for a predicted path.
+const PREDICTED: &str = "learned for a predicted path";
 /// Rounds of the search for one vector for all reaches.
 const ROUNDS: u32 = 2;
 
@@ -106,6 +112,10 @@ pub struct LearnedMap {
     /// The name of the trial whose map this is.
     #[serde(default)]
     pub kept: String,
+    /// The path of each motion in the file, where parameters learned for a predicted path ([`predict`]) did better than
+    /// the map: what there is time to compute for is planned so.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paths: Vec<predict::Path>,
 }
 
 /// A way to find the parameters of a new reach, tried on reaches left out.
@@ -279,8 +289,13 @@ pub fn learn(
         return Ok(None);
     }
     trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
+    tell(PREDICTED);
+    let Some(predicted) = predicted(problem, &landscape, own, &folds, stop)? else {
+        return Ok(None);
+    };
+    trials.push(predicted.clone());
     let Some(Candidate {
-        trial: Trial { name: kept, .. },
+        trial: kept,
         degree,
         weights,
         adapted,
@@ -288,6 +303,14 @@ pub fn learn(
     }) = chosen(candidates)
     else {
         return Ok(None);
+    };
+    // Another's map serves where these recordings say nothing of a path.
+    let paths = match (predicted.left_out_cm, kept.left_out_cm) {
+        (Some(predicted), Some(kept)) if predicted < kept && !adapted => {
+            let path = |task: &Task| predict::path(&task.reference);
+            problem.tasks.iter().map(path).collect()
+        }
+        _ => Vec::new(),
     };
     let own = problem.tasks.iter().map(|task| task.target);
     let mut targets = spread_out(own.collect());
@@ -318,7 +341,8 @@ pub fn learn(
         targets,
         radius,
         trials,
-        kept,
+        kept: kept.name,
+        paths,
     }))
 }
 
@@ -573,6 +597,30 @@ fn neighbours(
     trial(problem, landscape, name, &fitted, &scored)
 }
 
+/// Parameters learned for paths predicted from the other reaches.
+fn predicted(
+    problem: &Problem,
+    landscape: &Landscape<'_>,
+    own: &[Vec<f64>],
+    folds: &[Fold],
+    stop: &AtomicBool,
+) -> Result<Option<Trial>, TaskError> {
+    let points = |folds: &[Fold]| -> Result<_, TaskError> {
+        let found = predict::left_out(problem, own, folds, stop)?;
+        let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
+        let point = |(reach, parameters): (usize, Vec<f64>)| {
+            let shares = shares(problem, &parameters);
+            (reach, shares.iter().map(|&share| share as f32).collect())
+        };
+        Ok(found.map(|found| reaches.zip(found).map(point).collect::<Vec<_>>()))
+    };
+    let all: Vec<usize> = (0..problem.tasks.len()).collect();
+    let (Some(fitted), Some(scored)) = (points(&[(all.clone(), all)])?, points(folds)?) else {
+        return Ok(None);
+    };
+    trial(problem, landscape, PREDICTED.to_owned(), &fitted, &scored).map(Some)
+}
+
 /// How a way does: the points of all reaches as they were learned, and of those left out.
 fn trial(
     problem: &Problem,
@@ -591,14 +639,11 @@ fn trial(
             .map(|(&share, &(lower, upper))| f64::from(lower + (upper - lower) * share))
             .collect();
         let dofs = problem.dofs();
-        let mut tip = task.target;
-        with_dofs!(dofs, N => {
+        let tip = with_dofs!(dofs, N => {
             let ready = Ready::<f64, N>::new(task)?;
-            let visit = |_, at: &sinew::kinematics::Kinematics<'_, f64, N>, _: &[f64; N]| tip = at.tip();
+            let frames = task.reference.len();
             // Refused parameters do not arrive.
-            if ready.synthesise(&problem.settings, &parameters, task.reference.len(), visit).is_err() {
-                tip = [f64::INFINITY; 3];
-            }
+            ready.synthesise(&problem.settings, &parameters, frames, |_, _, _| {}).unwrap_or([f64::INFINITY; 3])
         }, else return Err(TaskError::Dofs { found: dofs }));
         arrived += usize::from(distance(tip, task.target) <= 0.01);
     }

@@ -83,9 +83,18 @@ impl<'a> Landscape<'a> {
     /// # Errors
     /// A task that the core refuses.
     pub fn new(problem: &'a Problem) -> Result<Self, TaskError> {
+        Landscape::arriving(problem, 0.0)
+    }
+
+    /// Of a problem where a hand that does not arrive costs so much a metre, beside the distance ([`Ready::score`]). A
+    /// task's target is where its reference's tip ends.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    pub fn arriving(problem: &'a Problem, arrival: f32) -> Result<Self, TaskError> {
         let dofs = problem.dofs();
         with_dofs!(dofs, N => {
-            dispatch!(Level::new(), S => Ok(Landscape(Box::new(valleys::<S, N>(problem)?))))
+            dispatch!(Level::new(), S => Ok(Landscape(Box::new(valleys::<S, N>(problem, arrival)?))))
         }, else Err(TaskError::Dofs { found: dofs }))
     }
 
@@ -166,6 +175,7 @@ impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
 /// Each set of the problem, ready to be descended on.
 fn valleys<S: Instructions, const N: usize>(
     problem: &Problem,
+    arrival: f32,
 ) -> Result<Vec<Valley<'_, S, N>>, TaskError> {
     let bounds = problem.settings.bounds(N);
     let valley = |set: &Vec<usize>| {
@@ -173,7 +183,9 @@ fn valleys<S: Instructions, const N: usize>(
         Ok(Valley {
             settings: &problem.settings,
             bounds: bounds.clone(),
-            motions: motions.map(Ready::new).collect::<Result<_, _>>()?,
+            motions: motions
+                .map(|task| Ok(Ready::new(task)?.arriving(arrival)))
+                .collect::<Result<_, TaskError>>()?,
         })
     };
     problem.sets.iter().map(valley).collect()
@@ -368,6 +380,10 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
                 let norm = (own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
                     .sqrt()
                     .max(NEAREST);
+                let weight = match row + 1 == rows {
+                    true => weight + motion.arrival(norm) / self.motions.len() as f32,
+                    false => weight,
+                };
                 let point = own.map(Lanes::<S>::splat);
                 let u = own.map(|x| Lanes::<S>::splat(x / norm));
                 let (weight, bend) = (Lanes::splat(weight), Lanes::splat(weight / norm));

@@ -9,6 +9,7 @@ use crate::kernel::score::Ready;
 use crate::map::LearnedMap;
 use crate::motion::Point;
 use crate::output;
+use crate::predict::MOMENTS;
 use crate::problem::{MOST_DOFS, ModelKind, Settings, StepperKind, with_dofs};
 use crate::task::{Task, TaskError, reference};
 
@@ -118,12 +119,12 @@ pub enum SynergiesError {
         path: String,
     },
     /// Its map is wrong.
-    #[error("{path}: map: {error}")]
+    #[error("{path}: map: {what}")]
     Map {
         /// The file.
         path: String,
-        /// What the core said.
-        error: sinew::Error,
+        /// What is wrong with it.
+        what: String,
     },
     /// A motion in it is wrong.
     #[error("{path}: motion {motion} ({file}): {what}")]
@@ -181,9 +182,8 @@ impl Synergies {
                 })?;
         }
         if let Some(map) = &synergies.map {
-            let dofs = synergies.chain.joints.len();
-            let plan = map.plan(dofs, [0.0; 3], 1.0);
-            plan.map_err(|error| SynergiesError::Map { path: name, error })?;
+            let wrong = |what| SynergiesError::Map { path: name, what };
+            synergies.check_map(map).map_err(wrong)?;
         }
         Ok(synergies)
     }
@@ -230,6 +230,42 @@ impl Synergies {
             )),
             None => Ok(()),
         }
+    }
+
+    /// A map that plans, and with paths one for each motion.
+    fn check_map(&self, map: &LearnedMap) -> Result<(), String> {
+        let dofs = self.chain.joints.len();
+        let plan = map.plan(dofs, [0.0; 3], 1.0);
+        plan.map_err(|error| error.to_string())?;
+        if map.paths.is_empty() {
+            return Ok(());
+        }
+        let points = self.chain.landmarks.len() + 1;
+        let sizes = |motion: &LearnedMotion| {
+            let chain = self.chain_of(motion);
+            (chain.joints.len(), chain.landmarks.len() + 1)
+        };
+        let motions = self.motions.len();
+        if map.paths.len() != motions || self.motions.iter().any(|m| sizes(m) != (dofs, points)) {
+            return Err(format!(
+                "paths: {} for {motions} motions, expected one each, of chains of one size",
+                map.paths.len()
+            ));
+        }
+        for (index, path) in map.paths.iter().enumerate() {
+            if path.len() != MOMENTS || path.iter().any(|moment| moment.len() != points) {
+                return Err(format!(
+                    "path {index}: expected {MOMENTS} moments of {points} points"
+                ));
+            }
+            let far = |x: &&f64| x.abs() > sinew::chain::MOST_LENGTH;
+            if let Some(x) = path.iter().flatten().flatten().find(far) {
+                return Err(format!(
+                    "path {index} has {x}, expected metres within 10 km"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The chain of a motion.

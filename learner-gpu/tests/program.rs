@@ -201,6 +201,7 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
         "constant map",
         "affine map, blurred",
         "quadratic map",
+        "learned for a predicted path",
     ] {
         assert!(printed.contains(words), "{words:?} is not in: {printed}");
     }
@@ -256,12 +257,38 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
         "{}",
         text(&near.stdout)
     );
+    assert!(text(&near.stdout).contains("learned for a predicted path"));
     let far = synthesize("0,0,3");
     assert!(
         text(&far.stdout).contains("not to be trusted"),
         "{}",
         text(&far.stdout)
     );
+    // On the way between learned targets the hand arrives, and in the same way on any number of threads.
+    let targets = [0, 1].map(|k| map["targets"][k].as_array().unwrap());
+    let middle: Vec<String> = (0..3)
+        .map(|r| targets.map(|target| target[r].as_f64().unwrap() / 2.0))
+        .map(|[a, b]| (a + b).to_string())
+        .collect();
+    let on_threads = |threads: &str| {
+        let mut synthesize = command(&["synthesize", path.to_str().unwrap()]);
+        synthesize.args([
+            "--csv",
+            csv.to_str().unwrap(),
+            "--target",
+            &middle.join(","),
+        ]);
+        let output = synthesize
+            .env("RAYON_NUM_THREADS", threads)
+            .output()
+            .unwrap();
+        let printed = text(&output.stdout);
+        let left = printed.split("ends ").nth(1).unwrap();
+        let left: f64 = left.split(' ').next().unwrap().parse().unwrap();
+        assert!(left <= 1.0, "{printed}");
+        std::fs::read(&csv).unwrap()
+    };
+    assert!(on_threads("1") == on_threads("3"));
     // A motion that is named keeps its own parameters.
     let own = sinew(&[
         "synthesize",
@@ -284,6 +311,37 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
     broken["map"]["radius"] = Value::from(-1.0);
     std::fs::write(&path, broken.to_string()).unwrap();
     refused(&synthesize("0.1,0.3,0"), &["synergies.json", "map"]);
+    let with_paths = |paths: &Value| {
+        let mut other = written.clone();
+        other["map"]["paths"] = paths.clone();
+        std::fs::write(&path, other.to_string()).unwrap();
+        synthesize("0.1,0.3,0")
+    };
+    let change = |change: fn(&mut Vec<Value>)| {
+        let mut paths = map["paths"].clone();
+        change(paths.as_array_mut().unwrap());
+        with_paths(&paths)
+    };
+    refused(&change(|paths| drop(paths.pop())), &["paths", "one each"]);
+    refused(
+        &change(|paths| drop(paths[2].as_array_mut().unwrap().pop())),
+        &["path 2", "16 moments"],
+    );
+    refused(
+        &change(|paths| paths[1][3][0][2] = Value::from(1e9)),
+        &["path 1", "metres"],
+    );
+    // Without paths it is the map that serves, as with files from before there were any.
+    let without = with_paths(&Value::Array(Vec::new()));
+    assert!(text(&without.stdout).contains("a synergy of the map"));
+
+    // Of one reach none can be left out, and nothing is predicted.
+    assert!(
+        learn(folder.path(), &["--map", csv.to_str().unwrap()])
+            .status
+            .success()
+    );
+    assert!(json(&path)["map"].get("paths").is_none());
 }
 
 #[test]

@@ -170,10 +170,14 @@ fn trials(learned: &map::LearnedMap) -> String {
     }
     format!(
         "{}left out: learned without the reach and all within {:.0} cm of its target; kept: {}, trusted up to {:.0} cm \
-         from a learned target\n",
+         from a learned target{}\n",
         table(&rows),
         map::NEAR * 100.0,
         learned.kept,
         learned.radius * 100.0,
+        match learned.paths.is_empty() {
+            true => "",
+            false => "; the host learns for a predicted path, which does better",
+        },
     )
 }

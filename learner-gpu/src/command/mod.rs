@@ -16,6 +16,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sinew_learn::motion::Point;
+use sinew_learn::predict;
 use sinew_learn::synergies::{LearnedMotion, Synergies};
 
 /// Why a command did not do what it was asked.
@@ -149,8 +150,8 @@ pub fn choose<'a>(
     })
 }
 
-/// The learned motion with the parameters that the file's map, where it has one, gives for a target, and in words where
-/// the parameters are from. A motion that is named keeps its own.
+/// The learned motion with the parameters for a target, learned for a predicted path or given by the map, as the file
+/// has it, and in words where the parameters are from. A motion that is named keeps its own.
 pub fn planned(
     synergies: &Synergies,
     file: &Path,
@@ -164,16 +165,28 @@ pub fn planned(
         return Ok((motion.clone(), own()));
     };
     let seconds = seconds.unwrap_or(usual(synergies, motion));
-    let dofs = motion.initial_posture.len();
-    let (parameters, confidence) = map
-        .plan(dofs, target, seconds)
-        .map_err(|error| Failure::input(format!("{}: map: {error}", file.display())))?;
+    let wrong =
+        |error: &dyn fmt::Display| Failure::input(format!("{}: map: {error}", file.display()));
+    let ((parameters, confidence), what) = match map.paths.is_empty() {
+        true => {
+            let dofs = motion.initial_posture.len();
+            let planned = map.plan(dofs, target, seconds).map_err(|e| wrong(&e))?;
+            (planned, "a synergy of the map")
+        }
+        false => {
+            let planned = predict::plan(synergies, map, motion, target, seconds);
+            (
+                planned.map_err(|e| wrong(&e))?,
+                "a synergy learned for a predicted path",
+            )
+        }
+    };
     let planned = LearnedMotion {
         model: map.model,
         parameters,
         ..motion.clone()
     };
-    Ok((planned, trust(confidence)))
+    Ok((planned, trust(what, confidence)))
 }
 
 /// How long a learned motion takes, seconds.
@@ -181,12 +194,11 @@ pub fn usual(synergies: &Synergies, motion: &LearnedMotion) -> f64 {
     motion.frames.saturating_sub(1) as f64 / synergies.rate_hz
 }
 
-/// A map's confidence in words.
-pub fn trust(confidence: f64) -> String {
+/// In words, what was planned with and how far it is to be trusted.
+pub fn trust(what: &str, confidence: f64) -> String {
     if confidence > 0.0 {
-        format!("a synergy of the map, confidence {confidence:.2}")
+        format!("{what}, confidence {confidence:.2}")
     } else {
-        "a synergy of the map from where it ends (no learned target is near: not to be trusted)"
-            .to_owned()
+        format!("{what} from where the map ends (no learned target is near: not to be trusted)")
     }
 }

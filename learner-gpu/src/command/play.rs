@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut next = 0;
     let begun = port.begin(&load, target, seconds);
     if let Some(confidence) = begun.map_err(refused)? {
-        super::tell!("{}", trust(f64::from(confidence)));
+        super::tell!("{}", trust("a synergy of the map", f64::from(confidence)));
     }
     let played = port.watch(|report| {
         if report.ticks >= next && printed.is_ok() {

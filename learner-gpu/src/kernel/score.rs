@@ -45,7 +45,12 @@ pub struct Ready<T, const N: usize> {
     target: Position<T>,
     /// Frames of landmarks, the tip last; metres.
     reference: Vec<Vec<[f64; 3]>>,
+    /// What a metre costs that the hand ends further than [`THERE`] from the target.
+    arrival: f32,
 }
+
+/// A hand this near its target is there, metres: 1 cm is what counts, and a little of it is kept for rounding.
+pub const THERE: f32 = 0.009;
 
 impl<T: Real, const N: usize> Ready<T, N> {
     /// A task's motion.
@@ -59,16 +64,27 @@ impl<T: Real, const N: usize> Ready<T, N> {
             initial: task.posture()?,
             target: task.goal()?,
             reference: task.reference.clone(),
+            arrival: 0.0,
         })
     }
 
-    /// The mean distance in metres between the recording and the motion synthesised with these parameters; 1e9 where
-    /// the parameters are no synergy's.
+    /// The same, where a hand that does not arrive costs so much a metre.
+    pub fn arriving(self, arrival: f32) -> Self {
+        Ready { arrival, ..self }
+    }
+
+    /// What a metre costs of what this distance from the target, metres, is more than [`THERE`].
+    pub fn arrival(&self, left: f32) -> f32 {
+        if left > THERE { self.arrival } else { 0.0 }
+    }
+
+    /// The mean distance in metres between the recording and the motion synthesised with these parameters, and what it
+    /// costs where the hand does not arrive; 1e9 where the parameters are no synergy's.
     #[inline(always)]
     pub fn score(&self, settings: &Settings, parameters: &[T]) -> T {
         let mut distance = MotionDistance::new();
         let frames = self.reference.len();
-        let valid = self.synthesise(
+        let end = self.synthesise(
             settings,
             parameters,
             frames,
@@ -85,10 +101,16 @@ impl<T: Real, const N: usize> Ready<T, N> {
                 }
             },
         );
-        if valid.is_ok() {
-            distance.mean()
-        } else {
-            T::of(1e9)
+        match end {
+            Ok(tip) if self.arrival > 0.0 => {
+                let target = self.target.coordinates();
+                let [x, y, z] = std::array::from_fn(|r| tip[r] - target[r]);
+                let left = (x * x + y * y + z * z).sqrt() - T::of(THERE.into());
+                let short = left.within(T::zero(), T::of(1e9));
+                distance.mean() + T::of(self.arrival.into()) * short
+            }
+            Ok(_) => distance.mean(),
+            Err(_) => T::of(1e9),
         }
     }
 
@@ -118,7 +140,7 @@ impl<T: Real, const N: usize> Ready<T, N> {
     }
 
     /// Runs the controller for `frames` frames, of which the first is the initial posture. `visit` sees each frame's
-    /// number, forward kinematics and joint vector.
+    /// number, forward kinematics and joint vector. What comes back is where the tip is in the last.
     ///
     /// # Errors
     /// Parameters or settings that the core refuses.
@@ -129,7 +151,7 @@ impl<T: Real, const N: usize> Ready<T, N> {
         parameters: &[T],
         frames: usize,
         mut visit: impl FnMut(usize, &Kinematics<'_, T, N>, &[T; N]),
-    ) -> Result<(), sinew::Error> {
+    ) -> Result<[T; 3], sinew::Error> {
         let synergy = Synergy::<T, N>::from_parameters(settings.model.into(), parameters)?;
         let (lambda, dt) = (T::of(settings.lambda), T::of(settings.dt()));
         let stepper = settings.stepper.stepper::<T>();
@@ -145,6 +167,6 @@ impl<T: Real, const N: usize> Ready<T, N> {
                 at.move_within(state.angles());
             }
         }
-        Ok(())
+        Ok(at.tip())
     }
 }
