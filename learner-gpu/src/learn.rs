@@ -42,7 +42,7 @@ const DONORS: usize = 8;
 
 /// The search has settled when the mean of the sets' best scores fell by less than this share since half as many rounds
 /// ago.
-const SETTLED: f64 = 0.01;
+const SETTLED: f64 = 0.015;
 
 /// Fewer rounds than this are never called settled.
 const LEAST_ROUNDS: usize = 4;
