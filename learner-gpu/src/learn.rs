@@ -402,23 +402,23 @@ impl Search {
     }
 }
 
-/// The genes that may be a set's best: those with the least scores ever and now.
+/// The genes that may be a set's best: the islands' bests, for these lie in different valleys, and the members with the
+/// least scores.
 fn finalists(islands: &[Island]) -> Vec<Vec<u32>> {
     let each = islands.iter().flat_map(|island| {
-        let members = (0..ISLAND).map(move |member| (island.scores[member], island, Some(member)));
-        members.chain([(island.best_score, island, None)])
+        let members = island.scores.iter().enumerate();
+        members.map(move |(member, &score)| (score, island, member))
     });
-    let mut all: Vec<(f32, &Island, Option<usize>)> = each.collect();
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let genes = |&(_, island, member): &(f32, &Island, Option<usize>)| match member {
-        Some(member) => island.member(member),
-        None => island.best.clone(),
-    };
-    // An island's best is mostly a member, too.
-    let mut genes: Vec<Vec<u32>> = all.iter().take(2 * FINALISTS).map(genes).collect();
-    genes.dedup();
-    genes.truncate(FINALISTS);
-    genes
+    let mut members: Vec<(f32, &Island, usize)> = each.collect();
+    members.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut leaders: Vec<&Island> = islands.iter().collect();
+    leaders.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
+    let leaders = leaders.iter().take(FINALISTS / 2);
+    let leaders = leaders.map(|island| island.best.clone());
+    let members = members.iter().take(FINALISTS);
+    leaders
+        .chain(members.map(|&(_, island, member)| island.member(member)))
+        .collect()
 }
 
 /// A round, as far as its descents go.

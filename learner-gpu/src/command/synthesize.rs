@@ -11,9 +11,10 @@ use super::{Failure, planned, print};
 
 /// Synthesise a reach to a new target with learned synergies, and write it as CSV
 ///
-/// The parameters are learned for the path that the reach is predicted to take, or those that the file's map gives for the
-/// target, where it has a map (`learn --map`) and whichever did better on reaches left out. Else they are, and the initial posture and the duration always are, those of the learned motion whose target is nearest, or of the
-/// one named. The CSV has the recordings' columns, in the base frame, then one column a joint.
+/// Where the file has a map (`learn --map`), the parameters are learned for the path that the reach is predicted to take, or
+/// are those that the map gives for the target, whichever did better on reaches left out. Else they are, and the initial
+/// posture and the duration always are, those of the learned motion whose target is nearest, or of the one named. The CSV
+/// has the recordings' columns, in the base frame, then one column a joint.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The file that `sinew learn` wrote
