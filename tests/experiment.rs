@@ -140,7 +140,7 @@ fn a_synergy_brings_the_shipped_sample_nearer_on_the_gpu_path() {
 /// bits of `f32`, in which it is searched, grow to as much of the `f64` score.
 const LAWS: [(StepperKind, u32, f64); 5] = [
     (StepperKind::Transpose, 32, 1e-4),
-    (StepperKind::NormalisedTranspose, 128, 0.02),
+    (StepperKind::NormalisedTranspose, 128, 1e-4),
     (StepperKind::PseudoInverse, 16, 1e-4),
     (StepperKind::Damped, 16, 1e-4),
     (StepperKind::SelectivelyDamped, 16, 1e-4),
@@ -155,7 +155,7 @@ fn richer_models_end_no_worse(reaches: &[Motion]) {
         let [a, b, c, d] = models.map(|model| {
             let problem = Problem {
                 seed: 10 + model as u64,
-                ..problem(reaches, stepper, model, ISLANDS / 2).unwrap()
+                ..problem(reaches, stepper, model, ISLANDS).unwrap()
             };
             distances(&problem, &mut Backend::Cpu, generations)
         });

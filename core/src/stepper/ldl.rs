@@ -3,7 +3,7 @@
 
 use crate::real::Real;
 
-/// L (below the diagonal) and D (on it) of JJᵀ + μ²I.
+/// L (below the diagonal) and 1/D (on it) of JJᵀ + μ²I.
 pub(super) struct Ldl<T, const M: usize> {
     factors: [[T; M]; M],
     /// The sum of the diagonal before it was factored: the sum of the squared singular values.
@@ -28,15 +28,16 @@ impl<T: Real, const M: usize> Ldl<T, M> {
             trace = if r == 0 { f[r][r] } else { trace + f[r][r] };
         }
         for c in 0..M {
+            // One division for a column: they take longest of all.
+            f[c][c] = T::one() / f[c][c];
+            // L[r][c]·D[c].
+            let mut scaled = [T::zero(); M];
             for r in c + 1..M {
-                // f[r][c] is L[r][c]·D[c] so far; the rows below need both.
-                let scaled = f[r][c];
-                let factor = scaled / f[c][c];
+                scaled[r] = f[r][c];
+                f[r][c] = scaled[r] * f[c][c];
                 for k in c + 1..=r {
-                    let above = if k == r { scaled } else { f[k][c] * f[c][c] };
-                    f[r][k] = f[r][k] - factor * above;
+                    f[r][k] = f[r][k] - f[r][c] * scaled[k];
                 }
-                f[r][c] = factor;
             }
         }
         Ldl { factors: f, trace }
@@ -47,12 +48,13 @@ impl<T: Real, const M: usize> Ldl<T, M> {
     /// λ_min ≥ p·((M−1)/s)^(M−1). False where anything is NaN.
     #[inline(always)]
     pub fn is_well_conditioned(&self) -> T::Mask {
-        let by = T::of((M - 1) as f64) / self.trace;
-        let mut product = T::one();
+        let by = T::of(1.0 / (M - 1) as f64) * self.trace;
+        let mut inverse = T::one();
         for r in 0..M {
-            product = product * (self.factors[r][r] * by);
+            inverse = inverse * (self.factors[r][r] * by);
         }
-        T::of(3e-4 * (M - 1) as f64).lt(product)
+        // Rounding can leave a negative D where the matrix is singular, with an inverse that is large.
+        inverse.abs().lt(T::of(1.0 / (3e-4 * (M - 1) as f64)))
     }
 
     /// y.
@@ -66,7 +68,7 @@ impl<T: Real, const M: usize> Ldl<T, M> {
             }
         }
         for r in 0..M {
-            y[r] = y[r] / f[r][r];
+            y[r] = y[r] * f[r][r];
         }
         for r in (0..M).rev() {
             for c in r + 1..M {

@@ -1,13 +1,11 @@
 // The symmetric system (JJᵀ + μ²I)·y = ΔX by LDLᵀ, for the three rows of a position. Mirror of core/src/stepper/ldl.rs.
 
-/// L (below the diagonal) and D (on it) of JJᵀ + μ²I.
+/// L (below the diagonal) and 1/D (on it) of JJᵀ + μ²I.
 struct Ldl {
-    d0: f32,
+    inverses: vec3f,
     l10: f32,
-    d1: f32,
     l20: f32,
     l21: f32,
-    d2: f32,
     /// The sum of the diagonal before it was factored.
     trace: f32,
 }
@@ -31,21 +29,24 @@ fn ldl(j: Jacobian, damping: f32) -> Ldl {
     f11 = kept(f11) + damping;
     f22 = kept(f22) + damping;
     let trace = f00 + f11 + f22;
-    let l10 = f10 / f00;
+    let by0 = 1.0 / f00;
+    let l10 = f10 * by0;
     f11 = f11 - l10 * f10;
-    let l20 = f20 / f00;
-    f21 = f21 - l20 * (l10 * f00);
+    let l20 = f20 * by0;
+    f21 = f21 - l20 * f10;
     f22 = f22 - l20 * f20;
-    let l21 = f21 / f11;
+    let by1 = 1.0 / f11;
+    let l21 = f21 * by1;
     f22 = f22 - l21 * f21;
-    return Ldl(f00, l10, f11, l20, l21, f22, trace);
+    return Ldl(vec3f(by0, by1, 1.0 / f22), l10, l20, l21, trace);
 }
 
 /// Whether the matrix is far enough from singular for this factorisation to be exact enough: true only where
 /// σ_min/σ_max > 0.017. False where anything is NaN.
 fn is_well_conditioned(f: Ldl) -> bool {
-    let by = 2.0 / f.trace;
-    return 0.0006 < (f.d0 * by) * (f.d1 * by) * (f.d2 * by);
+    let by = 0.5 * f.trace;
+    let inverse = (f.inverses.x * by) * (f.inverses.y * by) * (f.inverses.z * by);
+    return abs(inverse) < 1666.6666666666667;
 }
 
 /// y.
@@ -54,7 +55,7 @@ fn solve(f: Ldl, right: vec3f) -> vec3f {
     y.y = y.y - f.l10 * y.x;
     y.z = y.z - f.l20 * y.x;
     y.z = y.z - f.l21 * y.y;
-    y = vec3f(y.x / f.d0, y.y / f.d1, y.z / f.d2);
+    y = y * f.inverses;
     y.y = y.y - f.l21 * y.z;
     y.x = y.x - f.l10 * y.y;
     y.x = y.x - f.l20 * y.z;

@@ -34,16 +34,17 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
         }
         let end = min(frame - frame % FRESH + FRESH, motion.frames);
         var easy = true;
-        while easy & (frame < end) {
+        while frame < end {
             let at = forward(arm, q);
             sum = sum + posture_distance(at, recorded(motion, frame));
             let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
             easy = optimised.easy | (frame + 1u == motion.frames);
-            if easy {
-                q = tick(arm, parameters, q, optimised.step, rests);
-                rests = fallen(rests, falls);
-                frame++;
+            if !easy {
+                break;
             }
+            q = tick(arm, parameters, q, optimised.step, rests);
+            rests = fallen(rests, falls);
+            frame++;
         }
         if !easy {
             let at = forward(arm, q);
