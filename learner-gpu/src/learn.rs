@@ -24,7 +24,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
-use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
+use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, blocks, first, gene, parameter, propose};
 use crate::problem::{Problem, Settings};
 use crate::refine::{Landscape, Start};
 use crate::synergies::score;
@@ -58,8 +58,10 @@ const MOST_POORER: u32 = 16;
 /// And its islands for each set.
 const MOST_ISLANDS_POORER: usize = 8;
 
-/// So many of a set's members are scored again in the end.
-const FINALISTS: usize = 64;
+/// In the end a set's best members are scored in `f64`. Where that differs from `f32` by more than this share (NJᵀ swings
+/// about its target, and the last bits of `f32` grow to some per cent), they evolve so many generations more in `f64`.
+const RUGGED: f64 = 1e-4;
+const EXACT_GENERATIONS: u32 = 64;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -365,46 +367,87 @@ impl Search {
     }
 
     /// Each set's best parameters, chosen among the best members by the core in `f64`, with the distance in metres of each
-    /// of the set's motions. (Where a motion swings about its target, the last bits of `f32` grow to some per cent.)
+    /// of the set's motions. Where the two precisions differ, the last generations are in `f64` too.
     ///
     /// # Errors
     /// A task that the core refuses.
     pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
         let bounds = problem.settings.bounds(problem.dofs());
-        let winner = |(set, islands): (&Vec<usize>, &[Island])| {
-            let mut winner = Winner {
-                parameters: Vec::new(),
-                distances: Vec::new(),
-            };
-            let mut least = f64::INFINITY;
-            for genes in finalists(islands) {
+        let winner = |(number, (motions, islands)): (usize, (&Vec<usize>, &[Island]))| {
+            let exact = |genes: &[u32]| {
                 let genes = genes.iter().zip(&bounds);
                 let parameters: Vec<f64> = genes
                     .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
                     .collect();
-                let tasks = set.iter().filter_map(|&task| problem.tasks.get(task));
+                let tasks = motions.iter().filter_map(|&task| problem.tasks.get(task));
                 let distances = tasks
                     .map(|task| score(&problem.settings, task, &parameters))
                     .collect::<Result<Vec<f64>, _>>()?;
-                let sum: f64 = distances.iter().sum();
-                if sum < least || winner.parameters.is_empty() {
-                    least = sum;
-                    winner = Winner {
-                        parameters,
-                        distances,
-                    };
+                Ok(Winner {
+                    parameters,
+                    distances,
+                })
+            };
+            let mut finals = Vec::new();
+            let mut rugged = false;
+            for (genes, by_lanes) in finalists(islands) {
+                let winner = exact(&genes)?;
+                rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
+                finals.push((winner, genes));
+            }
+            finals.sort_by(|(a, _), (b, _)| a.mean().total_cmp(&b.mean()));
+            if rugged && finals.len() >= ISLAND {
+                finals.truncate(ISLAND);
+                for generation in 0..EXACT_GENERATIONS {
+                    self.exact_generation(problem, number, generation, &mut finals, &exact)?;
                 }
             }
-            Ok(winner)
+            let best = finals
+                .into_iter()
+                .min_by(|(a, _), (b, _)| a.mean().total_cmp(&b.mean()));
+            Ok(best.map(|(winner, _)| winner).unwrap_or_default())
         };
         let islands = self.islands.par_chunks(problem.islands.max(1));
-        problem.sets.par_iter().zip(islands).map(winner).collect()
+        let sets = problem.sets.par_iter().zip(islands);
+        sets.enumerate().map(winner).collect()
+    }
+
+    /// A generation of an island of finalists, by `f64` scores, where only what is better is accepted.
+    fn exact_generation(
+        &self,
+        problem: &Problem,
+        set: usize,
+        generation: u32,
+        finals: &mut [(Winner, Vec<u32>)],
+        exact: &impl Fn(&[u32]) -> Result<Winner, TaskError>,
+    ) -> Result<(), TaskError> {
+        let by_mean = |&a: &usize, &b: &usize| finals[a].0.mean().total_cmp(&finals[b].0.mean());
+        let best = (0..finals.len()).min_by(by_mean).unwrap_or(0);
+        let rows: Vec<Vec<u32>> = (0..problem.genes())
+            .map(|gene| finals.iter().map(|(_, genes)| genes[gene]).collect())
+            .collect();
+        let draws = Draws {
+            seed: key(problem.seed),
+            set: set as u32,
+            member: 0,
+            generation: self.generation + generation,
+        };
+        let mut proposed = vec![[0; ISLAND]; problem.genes()];
+        propose(&draws, &blocks(&draws, 0), &rows, best, &mut proposed);
+        for (me, (current, genes)) in finals.iter_mut().enumerate() {
+            let tried: Vec<u32> = proposed.iter().map(|row| row[me]).collect();
+            let winner = exact(&tried)?;
+            if winner.mean() < current.mean() {
+                (*current, *genes) = (winner, tried);
+            }
+        }
+        Ok(())
     }
 }
 
-/// The genes that may be a set's best: the islands' bests, for these lie in different valleys, and the members with the
-/// least scores.
-fn finalists(islands: &[Island]) -> Vec<Vec<u32>> {
+/// The genes that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
+/// members with the least scores.
+fn finalists(islands: &[Island]) -> Vec<(Vec<u32>, f64)> {
     let each = islands.iter().flat_map(|island| {
         let members = island.scores.iter().enumerate();
         members.map(move |(member, &score)| (score, island, member))
@@ -413,11 +456,13 @@ fn finalists(islands: &[Island]) -> Vec<Vec<u32>> {
     members.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut leaders: Vec<&Island> = islands.iter().collect();
     leaders.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
-    let leaders = leaders.iter().take(FINALISTS / 2);
-    let leaders = leaders.map(|island| island.best.clone());
-    let members = members.iter().take(FINALISTS);
+    let leaders = leaders.iter().take(ISLAND / 2);
+    let leaders = leaders.map(|island| (island.best.clone(), island.best_score));
+    let members = members.iter().take(ISLAND);
     leaders
-        .chain(members.map(|&(_, island, member)| island.member(member)))
+        .filter(|&(_, score)| score < UNSCORED)
+        .chain(members.map(|&(score, island, member)| (island.member(member), score)))
+        .map(|(genes, score)| (genes, f64::from(score)))
         .collect()
 }
 
@@ -764,12 +809,19 @@ fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Resul
 }
 
 /// A set's best parameters.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Winner {
     /// In the SPEC's order.
     pub parameters: Vec<f64>,
     /// The distance of each of the set's motions, metres.
     pub distances: Vec<f64>,
+}
+
+impl Winner {
+    /// The mean distance, metres.
+    fn mean(&self) -> f64 {
+        self.distances.iter().sum::<f64>() / self.distances.len().max(1) as f64
+    }
 }
 
 /// Where a search's state is kept while it runs, and which search it is of.
