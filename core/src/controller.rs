@@ -6,7 +6,7 @@ use crate::kinematics::Kinematics;
 use crate::math::MOST_ANGLE;
 use crate::real::Real;
 use crate::stepper::Stepper;
-use crate::synergy::{Synergy, Timing};
+use crate::synergy::{Paced, Synergy};
 use crate::target::Target;
 
 /// Whether a tick keeps the DoFs within the chain's limits.
@@ -23,21 +23,19 @@ pub enum Limits {
 pub struct Controller<'a, T, S, const N: usize> {
     chain: &'a Chain<T, N>,
     stepper: S,
-    synergy: Synergy<T, N>,
+    synergy: Paced<T, N>,
     /// λ·dt.
     gain: T,
-    /// The period, seconds.
-    dt: T,
     lower: [T; N],
     upper: [T; N],
 }
 
-/// Where a motion is: the joint vector and the time, in ticks since it began.
+/// Where a motion is: the joint vector, the time in ticks since it began, and how far its sigmoids are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<T, const N: usize> {
     q: [T; N],
     tick: u32,
-    timing: Timing<T, N>,
+    rests: [T; N],
 }
 
 impl<T: Real, const N: usize> State<T, N> {
@@ -90,9 +88,8 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
         Ok(Controller {
             chain,
             stepper,
-            synergy,
+            synergy: synergy.paced(dt),
             gain: lambda * dt,
-            dt,
             lower,
             upper,
         })
@@ -104,7 +101,7 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
         let mut state = State {
             q,
             tick: 0,
-            timing: Timing::new(&self.synergy, self.dt),
+            rests: self.synergy.rests(),
         };
         self.place(&mut state, q);
         state
@@ -136,8 +133,7 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
     ) {
         let error = target.error(at);
         let step = self.stepper.step(&at.columns::<M>(), &error, self.gain);
-        let (synergy, tick) = (&self.synergy, state.tick);
-        let step = state.timing.apply(synergy, &step, tick, self.dt);
+        let step = self.synergy.apply(&step, &mut state.rests);
         for i in 0..N {
             // A step that is no number moves nothing.
             let step = T::select(step[i].is_sane(), step[i], T::zero());

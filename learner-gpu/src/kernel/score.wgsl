@@ -19,8 +19,8 @@ fn recorded(motion: Motion, frame: u32) -> u32 {
 fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
     let arm = arm_of(motion.at);
     var q = start(arm);
-    let falls = falls_of(parameters);
-    var rests: Sigmoids;
+    var rests = rests_of(parameters);
+    let changes = changes_of(parameters);
     var sum = 0.0;
     var frame = 0u;
     // The tick after the last frame is for nothing, but a branch around it would cost more.
@@ -29,12 +29,8 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
         // lavapipe jumps over nothing but what is left of a loop: with singular values behind an `if` every tick pays
         // for them. So an inner loop runs until a tick needs them, and they are computed once for all threads that wait
         // there.
-        if frame % FRESH == 0u {
-            rests = rests_at(parameters, f32(frame) * run.dt);
-        }
-        let end = min(frame - frame % FRESH + FRESH, motion.frames);
         var easy = true;
-        while frame < end {
+        while frame < motion.frames {
             let at = forward(arm, q);
             sum = sum + posture_distance(at, recorded(motion, frame));
             let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
@@ -43,26 +39,22 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
                 break;
             }
             q = tick(arm, parameters, q, optimised.step, rests);
-            rests = fallen(rests, falls);
+            rests = later(rests, changes);
             frame++;
         }
         if !easy {
             let at = forward(arm, q);
             q = tick(arm, parameters, q, optimise_hard(columns(at), arm.target_at - at.tip, run.gain), rests);
-            rests = fallen(rests, falls);
+            rests = later(rests, changes);
             frame++;
         }
         //% else
-        rests = rests_at(parameters, f32(frame) * run.dt);
-        let end = min(frame + FRESH, motion.frames);
-        while frame < end {
-            let at = forward(arm, q);
-            sum = sum + posture_distance(at, recorded(motion, frame));
-            let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
-            q = tick(arm, parameters, q, optimised, rests);
-            rests = fallen(rests, falls);
-            frame++;
-        }
+        let at = forward(arm, q);
+        sum = sum + posture_distance(at, recorded(motion, frame));
+        let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
+        q = tick(arm, parameters, q, optimised, rests);
+        rests = later(rests, changes);
+        frame++;
         //% endif
     }
     return sum / f32(max(motion.frames, 1u));

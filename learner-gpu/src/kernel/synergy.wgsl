@@ -32,17 +32,14 @@ fn sigmoid(rest: f32) -> f32 {
     return 1.0 / (1.0 + rest);
 }
 
-/// After so many ticks the rests are computed anew.
-const FRESH = 64u;
-
-/// e^(offset − slope·t) of each sigmoid.
-fn rests_at(p: Parameters, t: f32) -> Sigmoids {
+/// e^(offset − slope·t) of each sigmoid at t = 0.
+fn rests_of(p: Parameters) -> Sigmoids {
     return Sigmoids(
         //% if model == "c"
-        exponential(p[${dofs}] - p[${dofs + 1}] * t),
+        exponential(p[${dofs}]),
         //% elif model == "d"
         //% for i in range(dofs)
-        exponential(p[${dofs + i}] - p[${2 * dofs + i}] * t),
+        exponential(p[${dofs + i}]),
         //% endfor
         //% else
         0.0,
@@ -50,14 +47,14 @@ fn rests_at(p: Parameters, t: f32) -> Sigmoids {
     );
 }
 
-/// What the rests fall by in a period.
-fn falls_of(p: Parameters) -> Sigmoids {
+/// By what share of itself a rest changes in a period.
+fn changes_of(p: Parameters) -> Sigmoids {
     return Sigmoids(
         //% if model == "c"
-        exponential(-(p[${dofs + 1}] * run.dt)),
+        exponential_m1(-(p[${dofs + 1}] * run.dt)),
         //% elif model == "d"
         //% for i in range(dofs)
-        exponential(-(p[${2 * dofs + i}] * run.dt)),
+        exponential_m1(-(p[${2 * dofs + i}] * run.dt)),
         //% endfor
         //% else
         0.0,
@@ -66,10 +63,20 @@ fn falls_of(p: Parameters) -> Sigmoids {
 }
 
 /// The rests a period later.
-fn fallen(rests: Sigmoids, falls: Sigmoids) -> Sigmoids {
+fn later(rests: Sigmoids, changes: Sigmoids) -> Sigmoids {
     return Sigmoids(
         //% for i in range(dofs if model == "d" else 1)
-        rests[${i}] * falls[${i}],
+        rests[${i}] + rests[${i}] * changes[${i}],
         //% endfor
     );
+}
+
+/// eˣ − 1.
+fn exponential_m1(x: f32) -> f32 {
+    let xx = x * x;
+    var sum = -8.267195767195768e-7 * xx + 3.306878306878307e-5;
+    sum = sum * xx + -1.388888888888889e-3;
+    sum = sum * xx + 8.333333333333333e-2;
+    let near = x / (kept(sum * xx - 0.5 * x) + 1.0);
+    return select(exponential(x) - 1.0, near, abs(x) < 0.25);
 }
