@@ -6,7 +6,7 @@ use crate::kinematics::Kinematics;
 use crate::math::MOST_ANGLE;
 use crate::real::Real;
 use crate::stepper::Stepper;
-use crate::synergy::{Paced, Synergy};
+use crate::synergy::{Paced, Synergy, check_rate};
 use crate::target::Target;
 
 /// Whether a tick keeps the DoFs within the chain's limits.
@@ -67,14 +67,23 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
         dt: T,
         limits: Limits,
     ) -> Result<Self, Error> {
-        for x in [lambda, dt] {
-            if !T::all(T::zero().lt(x)) || !T::all(x.lt(T::of(1e6))) {
-                return Err(Error::OutOfRange {
-                    what: "λ and the period must be positive and below 1e6",
-                    joint: None,
-                });
-            }
-        }
+        Self::paced(chain, stepper, synergy.paced(dt)?, lambda, limits)
+    }
+
+    /// The same of a synergy in steps of its period, without an exponential: for firmware that cannot keep a controller,
+    /// which borrows its chain, and makes one for every tick.
+    ///
+    /// # Errors
+    /// λ that is not finite, not positive, or above 1e6.
+    #[inline(always)]
+    pub fn paced(
+        chain: &'a Chain<T, N>,
+        stepper: S,
+        synergy: Paced<T, N>,
+        lambda: T,
+        limits: Limits,
+    ) -> Result<Self, Error> {
+        check_rate(lambda)?;
         let (mut lower, mut upper) = (chain.lower, chain.upper);
         if limits == Limits::Free {
             for ((lo, hi), kind) in lower.iter_mut().zip(&mut upper).zip(chain.kinds()) {
@@ -88,8 +97,8 @@ impl<'a, T: Real, S: Stepper<T>, const N: usize> Controller<'a, T, S, N> {
         Ok(Controller {
             chain,
             stepper,
-            synergy: synergy.paced(dt),
-            gain: lambda * dt,
+            gain: lambda * synergy.dt,
+            synergy,
             lower,
             upper,
         })

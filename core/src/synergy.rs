@@ -67,19 +67,18 @@ enum Sigmoids<T, const N: usize> {
 impl<T: Real, const N: usize> Sigmoids<T, N> {
     #[inline(always)]
     fn map(&self, f: impl Fn(T, T) -> (T, T)) -> Self {
-        match self {
-            Sigmoids::Constant => Sigmoids::Constant,
-            Sigmoids::Shared(a, b) => {
-                let (a, b) = f(*a, *b);
-                Sigmoids::Shared(a, b)
-            }
-            Sigmoids::Each(a, b) => {
-                let (mut a, mut b) = (*a, *b);
-                for i in 0..N {
-                    (a[i], b[i]) = f(a[i], b[i]);
-                }
-                Sigmoids::Each(a, b)
-            }
+        // One loop for both: on a microcontroller its exponentials are in the flash once.
+        let (mut a, mut b, count) = match *self {
+            Sigmoids::Constant => return Sigmoids::Constant,
+            Sigmoids::Shared(a, b) => ([a; N], [b; N], 1),
+            Sigmoids::Each(a, b) => (a, b, N),
+        };
+        for (a, b) in a.iter_mut().zip(&mut b).take(count) {
+            (*a, *b) = f(*a, *b);
+        }
+        match (self, a.first(), b.first()) {
+            (Sigmoids::Shared(..), Some(&a), Some(&b)) => Sigmoids::Shared(a, b),
+            _ => Sigmoids::Each(a, b),
         }
     }
 }
@@ -225,7 +224,7 @@ impl<T: Real, const N: usize> Synergy<T, N> {
             Ok(self)
         } else {
             Err(Error::OutOfRange {
-                what: "a synergy's gains and slopes must be finite numbers below 10,000 in magnitude, its offsets below 80",
+                what: "a synergy's numbers must be below 10,000 in magnitude, its offsets below 80",
                 joint: None,
             })
         }
@@ -240,20 +239,34 @@ impl<T: Real, const N: usize> Synergy<T, N> {
                 #[inline(always)]
                 |offset, slope| ((offset - slope * t).exp(), T::zero()),
             ),
+            dt: T::zero(),
         };
         at_t.apply(step, &mut at_t.rests())
     }
 
-    /// This synergy in steps of `dt` seconds.
+    /// This synergy in steps of `dt` seconds, for who makes controllers while a motion runs
+    /// ([`Controller::paced`](crate::controller::Controller::paced)).
+    ///
+    /// # Errors
+    /// A period that is not finite, not positive, or above 1e6.
     #[inline(always)]
-    pub(crate) fn paced(&self, dt: T) -> Paced<T, N> {
-        Paced {
+    pub fn paced(&self, dt: T) -> Result<Paced<T, N>, Error> {
+        check_rate(dt)?;
+        Ok(Paced {
             gains: self.gains,
             sigmoids: self.sigmoids.map(
                 #[inline(always)]
-                |offset, slope| (offset.exp(), exp_m1(-(slope * dt))),
+                |offset, slope| {
+                    let fall = -(slope * dt);
+                    let mut powers = [offset, fall];
+                    for power in &mut powers {
+                        *power = power.exp();
+                    }
+                    (powers[0], less_1(fall, powers[1]))
+                },
             ),
-        }
+            dt,
+        })
     }
 }
 
@@ -263,9 +276,11 @@ impl<T: Real, const N: usize> Synergy<T, N> {
 /// So a tick pays for a product and a sum instead of an exponential. Their rounding goes one way as often as the other:
 /// in motions of 10,000 ticks sigmoids are within 1e-6 of what they should be in `f32`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Paced<T, const N: usize> {
+pub struct Paced<T, const N: usize> {
     gains: Gains<T, N>,
     sigmoids: Sigmoids<T, N>,
+    /// The period, seconds.
+    pub(crate) dt: T,
 }
 
 impl<T: Real, const N: usize> Paced<T, N> {
@@ -317,22 +332,38 @@ impl<T: Real, const N: usize> Paced<T, N> {
     }
 }
 
+/// Whether a rate λ or a period can be one.
+///
+/// # Errors
+/// One that is not finite, not positive, or above 1e6.
+#[inline(always)]
+pub(crate) fn check_rate<T: Real>(x: T) -> Result<(), Error> {
+    if T::all(T::zero().lt(x)) && T::all(x.lt(T::of(1e6))) {
+        Ok(())
+    } else {
+        Err(Error::OutOfRange {
+            what: "λ and the period must be positive and below 1e6",
+            joint: None,
+        })
+    }
+}
+
 /// 1/(1 + e^(offset − slope·t)), of its rest.
 #[inline(always)]
 fn sigmoid<T: Real>(rest: T) -> T {
     T::one() / (T::one() + rest)
 }
 
-/// eˣ − 1. Near 0, where the difference would lose what counts, x / (1 − x/2 + Σ B₂ₖ·x²ᵏ/(2k)!) with Bernoulli's numbers
-/// (Abramowitz and Stegun 1964, 23.1.1), exact to 2e-14 of itself.
+/// eˣ − 1, of x and eˣ. Near 0, where the difference would lose what counts, x / (1 − x/2 + Σ B₂ₖ·x²ᵏ/(2k)!) with
+/// Bernoulli's numbers (Abramowitz and Stegun 1964, 23.1.1), exact to 2e-14 of itself.
 #[inline(always)]
-fn exp_m1<T: Real>(x: T) -> T {
+fn less_1<T: Real>(x: T, power: T) -> T {
     let xx = x * x;
     let sum = T::of(-1.0 / 1_209_600.0) * xx + T::of(1.0 / 30_240.0);
     let sum = sum * xx + T::of(-1.0 / 720.0);
     let sum = sum * xx + T::of(1.0 / 12.0);
     let near = x / (sum * xx - T::of(0.5) * x + T::one());
-    T::select(x.abs().lt(T::of(0.25)), near, x.exp() - T::one())
+    T::select(x.abs().lt(T::of(0.25)), near, power - T::one())
 }
 
 #[cfg(all(test, feature = "libm"))]
@@ -343,7 +374,7 @@ mod tests {
     #[test]
     fn parameters_that_are_no_numbers_or_too_large_are_refused() {
         let error = Error::OutOfRange {
-            what: "a synergy's gains and slopes must be finite numbers below 10,000 in magnitude, its offsets below 80",
+            what: "a synergy's numbers must be below 10,000 in magnitude, its offsets below 80",
             joint: None,
         };
         for offset in [80.0, -80.0] {
@@ -410,7 +441,7 @@ mod tests {
                 let synergy =
                     Synergy::<T, 1>::d([T::one()], [T::of(offset)], [T::of(slope)]).unwrap();
                 let dt = T::of(1.0 / rate);
-                let paced = synergy.paced(dt);
+                let paced = synergy.paced(dt).unwrap();
                 let mut rests = paced.rests();
                 for tick in 0..10_000 {
                     let [found] = paced.apply(&[T::one()], &mut rests);
@@ -438,7 +469,7 @@ mod tests {
         for (offset, slope) in [(79.0, 9e3), (-79.0, -9e3), (79.0, -9e3), (-79.0, 9e3)] {
             for dt in [1e-3, 1.0, 1e5] {
                 let synergy = Synergy::<f32, 2>::c([1.0, -1.0], offset, slope).unwrap();
-                let paced = synergy.paced(dt);
+                let paced = synergy.paced(dt).unwrap();
                 let mut rests = paced.rests();
                 for _tick in 0..200 {
                     let [up, down] = paced.apply(&[1.0; 2], &mut rests);
@@ -456,9 +487,12 @@ mod tests {
         for step in -2000..=2000 {
             let x = f64::from(step) * 1e-3;
             let exact = libm::expm1(x);
-            assert!((exp_m1(x) - exact).abs() <= 3e-14 * exact.abs(), "{x}");
+            assert!(
+                (less_1(x, x.exp()) - exact).abs() <= 3e-14 * exact.abs(),
+                "{x}"
+            );
             let exact = libm::expm1(f64::from(x as f32));
-            let found = f64::from(exp_m1(x as f32));
+            let found = f64::from(less_1(x as f32, (x as f32).exp()));
             assert!((found - exact).abs() <= 6e-7 * exact.abs(), "{x}");
         }
     }

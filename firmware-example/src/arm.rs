@@ -10,7 +10,7 @@
 use sinew::chain::{Chain, Kind, Shift, human_arm};
 use sinew::controller::{Controller, Limits, State};
 use sinew::stepper::{AnyStepper, Stepper, Transpose};
-use sinew::synergy::{Model, Synergy};
+use sinew::synergy::{Model, Paced, Synergy};
 use sinew::target::Position;
 use sinew::{Error, real::Real};
 use sinew_protocol::{DOFS, Mode};
@@ -40,21 +40,26 @@ pub struct Style {
     pub stepper: AnyStepper<f32>,
     /// Its rate λ.
     pub rate: f32,
-    /// The synergy.
-    pub synergy: Synergy<f32, DOFS>,
+    /// The synergy, in ticks.
+    pub synergy: Paced<f32, DOFS>,
     /// When the last sigmoid is half way, seconds: before that a motion may seem not to get nearer.
     pub delay: f32,
 }
 
 impl Style {
     /// With a synergy of a model and its parameters, in the paper's order.
+    ///
+    /// # Errors
+    /// None that a period of the control loop gives.
+    // Once in the flash: there are exponentials in it.
+    #[inline(never)]
     pub fn new(
         stepper: AnyStepper<f32>,
         rate: f32,
-        synergy: Synergy<f32, DOFS>,
+        synergy: &Synergy<f32, DOFS>,
         model: Model,
         parameters: &[f32],
-    ) -> Self {
+    ) -> Result<Self, Error> {
         let at = |k: usize| parameters.get(k).copied().unwrap_or(0.0);
         let middle = |offset: f32, slope: f32| if slope > 0.0 { offset / slope } else { 0.0 };
         let delay = match model {
@@ -64,12 +69,12 @@ impl Style {
                 latest.most(middle(at(DOFS + i), at(2 * DOFS + i)))
             }),
         };
-        Style {
+        Ok(Style {
             stepper,
             rate,
-            synergy,
+            synergy: synergy.paced(PERIOD)?,
             delay,
-        }
+        })
     }
 }
 
@@ -111,7 +116,7 @@ impl Arm {
         let bare = Style {
             stepper: AnyStepper::Transpose(Transpose),
             rate: <Transpose as Stepper<f32>>::RATE as f32,
-            synergy: Synergy::a(1.0)?,
+            synergy: Synergy::a(1.0)?.paced(PERIOD)?,
             delay: 0.0,
         };
         let motion = controller(&chain, &bare)?.start([0.0; DOFS]);
@@ -180,7 +185,8 @@ impl Arm {
     /// # Errors
     /// A coordinate that is NaN or infinite; then nothing changes.
     pub fn go_to(&mut self, target: [f32; 3]) -> Result<(), Error> {
-        self.begin(self.style, target)
+        let style = self.style;
+        self.begin(&style, target)
     }
 
     /// The same with the synergy that the map gives for a reach in about `seconds`. How far to trust that, from 0 to 1;
@@ -194,11 +200,11 @@ impl Arm {
         };
         // To where it is asked for, as on a host: a target out of reach is moved only after that.
         let (style, confidence) = planner.plan(target, seconds)?;
-        self.begin(style, target)?;
+        self.begin(&style, target)?;
         Ok(Some(confidence))
     }
 
-    fn begin(&mut self, style: Style, target: [f32; 3]) -> Result<(), Error> {
+    fn begin(&mut self, style: &Style, target: [f32; 3]) -> Result<(), Error> {
         let [x, y, z] = Position::new(target)?.coordinates();
         let (_, base) = self.chain.base();
         let from = [x - base[0], y - base[1], z - base[2]];
@@ -210,10 +216,10 @@ impl Arm {
         };
         let within = |i: usize| base[i] + scale * from[i];
         let target = Position::new([within(0), within(1), within(2)])?;
-        self.motion = controller(&self.chain, &style)?.start(self.q);
+        self.motion = controller(&self.chain, style)?.start(self.q);
         self.target = Some(target);
         self.moved = (far - self.length).most(0.0);
-        self.now = style;
+        self.now = *style;
         self.mode = Mode::Moving;
         self.nearest = f32::MAX;
         self.nearest_at = 0;
@@ -352,12 +358,11 @@ fn controller<'a>(
     chain: &'a Chain<f32, DOFS>,
     style: &Style,
 ) -> Result<Controller<'a, f32, AnyStepper<f32>, DOFS>, Error> {
-    Controller::new(
+    Controller::paced(
         chain,
         style.stepper,
         style.synergy,
         style.rate,
-        PERIOD,
         Limits::Clamped,
     )
 }

@@ -63,13 +63,13 @@ pub fn chain(chain: &wire::Chain) -> Result<Chain<f32, DOFS>, Error> {
 /// What the core refuses.
 pub fn style(synergy: &wire::Synergy) -> Result<Style, Error> {
     let (model, parameters) = (model(synergy.model), &synergy.parameters);
-    Ok(Style::new(
+    Style::new(
         stepper(synergy.stepper),
         synergy.rate,
-        Synergy::from_parameters(model, parameters)?,
+        &Synergy::from_parameters(model, parameters)?,
         model,
         parameters,
-    ))
+    )
 }
 
 /// A map with its stepper.

@@ -33,10 +33,10 @@ impl Planner {
         let style = Style::new(
             self.stepper,
             self.rate,
-            planned.synergy,
+            &planned.synergy,
             self.model,
             &planned.parameters,
-        );
+        )?;
         Ok((style, planned.confidence))
     }
 }

@@ -8,7 +8,7 @@ use sinew::map::{INPUTS, MOST_PARAMETERS, Reach as Asked, SynergyMap, TERMS};
 use sinew::stepper::{
     AnyStepper, Damped, NormalisedTranspose, PseudoInverse, SelectivelyDamped, Transpose,
 };
-use sinew::synergy::{Model, Synergy};
+use sinew::synergy::{Model, Paced, Synergy};
 use sinew::target::{Pose, Position, Target};
 use sinew_firmware::planner::Planner;
 use sinew_firmware::{convert, learned};
@@ -82,17 +82,18 @@ pub fn run(
     let pose = Pose::new(reach.target, reach.turned)?;
     for (stepper_name, stepper) in steppers() {
         for (model_name, synergy) in synergies()? {
+            let paced = synergy.paced(PERIOD)?;
             each(
                 stepper_name,
                 model_name,
                 "position",
-                motion(&arm, stepper, synergy, &position, reach.start, EMPTY)?,
+                motion(&arm, stepper, paced, &position, reach.start, EMPTY)?,
             );
             each(
                 stepper_name,
                 model_name,
                 "pose",
-                motion(&arm, stepper, synergy, &pose, reach.start, EMPTY)?,
+                motion(&arm, stepper, paced, &pose, reach.start, EMPTY)?,
             );
         }
     }
@@ -200,13 +201,13 @@ fn with(hash: u64, x: f32) -> u64 {
 fn motion<const M: usize>(
     arm: &Chain<f32, 7>,
     stepper: AnyStepper<f32>,
-    synergy: Synergy<f32, 7>,
+    synergy: Paced<f32, 7>,
     target: &impl Target<f32, M>,
     start: [f32; 7],
     mut hash: u64,
 ) -> Result<u64, Error> {
     let rate = stepper.rate() as f32;
-    let controller = Controller::new(arm, stepper, synergy, rate, PERIOD, Limits::Clamped)?;
+    let controller = Controller::paced(arm, stepper, synergy, rate, Limits::Clamped)?;
     let mut state = controller.start(start);
     for _ in 0..TICKS {
         controller.tick(&mut state, target);
