@@ -1,15 +1,17 @@
 //! The path of a reach that nobody recorded, predicted from recordings of others, and parameters that follow it.
 //!
-//! How far each landmark is from its start at [`MOMENTS`] moments of a reach, y, is predicted from what is known before it
-//! begins, x, by a Gaussian process (Rasmussen and Williams 2006, section 2.2) on the recordings X, Y with their mean m:
+//! Its shape, how far each landmark is from its start at [`MOMENTS`] equal parts of the tip's way, and its time course, how
+//! much of that way is behind at [`MOMENTS`] moments, are predicted apart: people differ most in when they are where, and
+//! a mean over times blurs the shape. Each of the two, y, is predicted from what is known before the reach begins, x, by a
+//! Gaussian process (Rasmussen and Williams 2006, section 2.2) on the recordings X, Y with their mean m:
 //!
 //! ```text
 //! y(x) = m + k(x, X)·(k(X, X) + σ²I)⁻¹·(Y − m),      k(x, x') = exp(−‖x − x'‖²/2) + c·(1 + x·x')
 //! ```
 //!
-//! x is the target, the way to it from where the tip begins, the logarithm of the time, the mean speed, and how far the
-//! landmarks are apart from one to the next: each less its mean over its standard deviation, and weighted. What the
-//! prediction's end is off the target, which is known, is spread evenly over the way.
+//! x is the way to the target from where the tip begins and how far the landmarks are apart from one to the next, for the
+//! shape also the target, for the time course the logarithm of the time and the mean speed: each less its mean over its
+//! standard deviation, and weighted. What the shape's end is off the target, which is known, is spread evenly over the way.
 //!
 //! Parameters that follow the path are found by descents ([`crate::refine`]) from those of the reaches to the nearest
 //! targets; and by others from there, for which it costs more that the hand does not arrive.
@@ -29,15 +31,14 @@ use crate::task::{Task, TaskError};
 
 /// Moments that a path is kept at, from the first to the last at equal distances: more gain nothing.
 pub const MOMENTS: usize = 16;
-/// The weights of the inputs: the target and the way to it (both say much the same), the time and the speed, and the
-/// distances between landmarks.
-const PLACE: f64 = 0.28;
-const PACE: f64 = 0.4;
+/// The weights of the inputs: the target and the way to it, the time and the speed, and the distances between landmarks.
+const PLACE: f64 = 0.3;
+const PACE: f64 = 0.45;
 const SIZE: f64 = 0.16;
 /// σ², of a variance of about 1.
 const NOISE: f64 = 0.15;
 /// c: how much of it is affine.
-const AFFINE: f64 = 0.2;
+const AFFINE: f64 = 0.3;
 /// An input counts as no further from its mean, standard deviations.
 const FURTHEST: f64 = 3.0;
 /// Reaches to the nearest targets whose parameters are descended from.
@@ -82,27 +83,25 @@ impl Outset {
         std::array::from_fn(|r| self.target[r] - from[r])
     }
 
-    /// x, and the weights.
-    fn inputs(&self) -> (DVector<f64>, DVector<f64>) {
-        let way = self.way();
-        let speed = distance(way, [0.0; 3]) / self.seconds;
-        let sizes = self.start.windows(2).map(|two| distance(two[0], two[1]));
-        let places = self.target.into_iter().chain(way).map(|x| (x, PLACE));
-        let all: Vec<(f64, f64)> = places
-            .chain([(self.seconds.ln(), PACE), (speed, PACE)])
-            .chain(sizes.map(|size| (size, SIZE)))
-            .collect();
-        let numbers =
-            |of: fn(&(f64, f64)) -> f64| DVector::from_iterator(all.len(), all.iter().map(of));
-        (numbers(|x| x.0), numbers(|x| x.1))
+    /// x for the shape: each input with its weight.
+    fn of_shape(&self) -> Vec<(f64, f64)> {
+        let places = self.target.into_iter().chain(self.way());
+        places.map(|x| (x, PLACE)).chain(self.sizes()).collect()
     }
 
-    /// x as the kernel takes it, with its mean and what deviations are multiplied by.
-    fn place(&self, centre: &DVector<f64>, scale: &DVector<f64>) -> DVector<f64> {
-        let (inputs, weights) = self.inputs();
-        let standard = (inputs - centre).component_mul(scale);
-        let standard = standard.map(|x| x.clamp(-FURTHEST, FURTHEST));
-        standard.component_mul(&weights)
+    /// x for the time course.
+    fn of_course(&self) -> Vec<(f64, f64)> {
+        let way = self.way();
+        let speed = distance(way, [0.0; 3]) / self.seconds;
+        let paces = [(self.seconds.ln(), PACE), (speed, PACE)];
+        let places = way.into_iter().map(|x| (x, PLACE));
+        places.chain(paces).chain(self.sizes()).collect()
+    }
+
+    /// How far the landmarks are apart.
+    fn sizes(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let sizes = self.start.windows(2);
+        sizes.map(|two| (distance(two[0], two[1]), SIZE))
     }
 }
 
@@ -132,94 +131,177 @@ fn between(frames: &[Vec<Point>], at: f64) -> impl Iterator<Item = Point> + '_ {
     before.zip(after).map(point)
 }
 
+/// How much of the tip's way is behind at each of the [`MOMENTS`], from 0 to 1; where it does not move, of the time.
+fn course(path: &Path) -> Vec<f64> {
+    let tips: Vec<Point> = path.iter().filter_map(|at| at.last().copied()).collect();
+    let steps = tips.windows(2).map(|two| distance(two[0], two[1]));
+    let behind = std::iter::once(0.0).chain(steps.scan(0.0, |sum, step| {
+        *sum += step;
+        Some(*sum)
+    }));
+    let behind: Vec<f64> = behind.collect();
+    let way = behind.last().copied().unwrap_or_default();
+    let part = |(moment, &behind): (usize, &f64)| match way > 0.0 {
+        true => behind / way,
+        false => share(moment, path.len()),
+    };
+    behind.iter().enumerate().map(part).collect()
+}
+
+/// The landmarks less their start at [`MOMENTS`] equal parts of the tip's way: x, y and z of the first landmark at the
+/// first of them, and so on; metres.
+fn shape(path: &Path, course: &[f64]) -> Vec<f64> {
+    let start = path.first().into_iter().flatten().flatten();
+    let part = |part: usize| {
+        let points = between(path, when(course, share(part, MOMENTS))).flatten();
+        points.zip(start.clone()).map(|(at, start)| at - start)
+    };
+    (0..MOMENTS).flat_map(part).collect()
+}
+
+/// The moment, from 0 to the last, at which so much of the way is behind.
+fn when(course: &[f64], behind: f64) -> f64 {
+    let after = course.partition_point(|&at| at < behind).max(1);
+    match (course.get(after - 1), course.get(after)) {
+        (Some(&a), Some(&b)) if b > a => (after - 1) as f64 + ((behind - a) / (b - a)).max(0.0),
+        _ => (after.min(course.len().max(1)) - 1) as f64,
+    }
+}
+
 /// The Gaussian process.
-struct Predictor {
+struct Process {
     /// The inputs' means.
     centre: DVector<f64>,
-    /// The inverse of their standard deviations.
+    /// What deviations are multiplied by: the weights over the standard deviations.
     scale: DVector<f64>,
+    /// How far an input counts from its mean, weighted.
+    furthest: DVector<f64>,
     /// X, as the kernel takes it.
     known: Vec<DVector<f64>>,
-    /// m: moment by moment, landmark by landmark, x, y and z.
+    /// m.
     mean: DVector<f64>,
     /// (k(X, X) + σ²I)⁻¹·(Y − m), a column for each recording.
     weights: DMatrix<f64>,
 }
 
-impl Predictor {
-    /// From recordings of the same landmarks, at least one.
-    fn new(recordings: &[(&Outset, &Path)]) -> Self {
-        let count = recordings.len().max(1) as f64;
+impl Process {
+    /// From the x of each recording, with the weights, and its y: at least one.
+    fn new(x: &[Vec<(f64, f64)>], y: &[DVector<f64>]) -> Self {
+        let count = x.len();
         let mean = |rows: &[DVector<f64>]| {
             let zero = DVector::zeros(rows.first().map_or(0, DVector::len));
-            rows.iter().fold(zero, |sum, row| sum + row) / count
+            rows.iter().fold(zero, |sum, row| sum + row) / count.max(1) as f64
         };
-        let inputs = |(outset, _): &(&Outset, &Path)| outset.inputs().0;
-        let inputs: Vec<DVector<f64>> = recordings.iter().map(inputs).collect();
+        let inputs: Vec<DVector<f64>> = x.iter().map(|x| numbers(x, |x| x.0)).collect();
         let centre = mean(&inputs);
         let squares = inputs.iter().map(|x| (x - &centre).map(|x| x * x));
         let deviation = mean(&squares.collect::<Vec<_>>()).map(f64::sqrt);
+        let shares = x.first().map(|x| numbers(x, |x| x.1));
+        let shares = shares.unwrap_or_else(|| DVector::zeros(centre.len()));
         // What never changes says nothing.
-        let scale = deviation.map(|x| if x > 1e-6 { x.recip() } else { 0.0 });
-        let known = recordings
-            .iter()
-            .map(|(outset, _)| outset.place(&centre, &scale));
-        let known: Vec<DVector<f64>> = known.collect();
-        let moved = |(_, path): &(&Outset, &Path)| {
-            let start = path.first().into_iter().flatten().flatten();
-            let points = path
-                .iter()
-                .flat_map(|points| points.iter().flatten().zip(start.clone()));
-            DVector::from_vec(points.map(|(at, start)| at - start).collect())
+        let inverse = deviation.map(|x| if x > 1e-6 { x.recip() } else { 0.0 });
+        let mut process = Process {
+            scale: inverse.component_mul(&shares),
+            furthest: shares * FURTHEST,
+            centre,
+            known: Vec::new(),
+            mean: mean(y),
+            weights: DMatrix::zeros(y.first().map_or(0, DVector::len), count),
         };
-        let paths: Vec<DVector<f64>> = recordings.iter().map(moved).collect();
-        let mean = mean(&paths);
-        let count = known.len();
+        let known = inputs.iter().map(|inputs| process.place(inputs));
+        process.known = known.collect();
         let covariance = DMatrix::from_fn(count, count, |a, b| {
             let noise = if a == b { NOISE } else { 0.0 };
-            kernel(&known[a], &known[b]) + noise
+            kernel(&process.known[a], &process.known[b]) + noise
         });
-        let apart = DMatrix::from_fn(count, mean.len(), |a, c| paths[a][c] - mean[c]);
+        let apart = DMatrix::from_fn(count, process.mean.len(), |a, c| y[a][c] - process.mean[c]);
         // With the noise it is positive definite.
-        let weights = match covariance.cholesky() {
-            Some(factors) => factors.solve(&apart).transpose(),
-            None => DMatrix::zeros(mean.len(), count),
+        if let Some(factors) = covariance.cholesky() {
+            process.weights = factors.solve(&apart).transpose();
+        }
+        process
+    }
+
+    /// x as the kernel takes it.
+    fn place(&self, inputs: &DVector<f64>) -> DVector<f64> {
+        let standard = (inputs - &self.centre).component_mul(&self.scale);
+        standard.zip_map(&self.furthest, |x, most| x.clamp(-most, most))
+    }
+
+    /// y.
+    fn predict(&self, x: &[(f64, f64)]) -> DVector<f64> {
+        let place = self.place(&numbers(x, |x| x.0));
+        let near = self.known.iter().map(|known| kernel(known, &place));
+        &self.mean + &self.weights * DVector::from_iterator(self.known.len(), near)
+    }
+}
+
+/// The inputs, or their weights.
+fn numbers(x: &[(f64, f64)], of: fn(&(f64, f64)) -> f64) -> DVector<f64> {
+    DVector::from_iterator(x.len(), x.iter().map(of))
+}
+
+/// Predicts paths.
+struct Predictor {
+    shape: Process,
+    course: Process,
+}
+
+impl Predictor {
+    /// From recordings of the same landmarks, at least one.
+    fn new(recordings: &[(&Outset, &Path)]) -> Self {
+        let inputs = |of: fn(&Outset) -> Vec<(f64, f64)>| -> Vec<_> {
+            recordings.iter().map(|(outset, _)| of(outset)).collect()
         };
+        let courses: Vec<Vec<f64>> = recordings.iter().map(|(_, path)| course(path)).collect();
+        let each = recordings.iter().zip(&courses);
+        let shapes = each.map(|((_, path), course)| DVector::from_vec(shape(path, course)));
+        let shapes: Vec<DVector<f64>> = shapes.collect();
+        let courses: Vec<DVector<f64>> = courses.into_iter().map(DVector::from_vec).collect();
         Predictor {
-            centre,
-            scale,
-            known,
-            mean,
-            weights,
+            shape: Process::new(&inputs(Outset::of_shape), &shapes),
+            course: Process::new(&inputs(Outset::of_course), &courses),
         }
     }
 
     /// The path in so many frames, as a task's reference: it ends at the target.
     fn predict(&self, outset: &Outset, frames: usize) -> Vec<Vec<Point>> {
-        let place = outset.place(&self.centre, &self.scale);
-        let near = self.known.iter().map(|known| kernel(known, &place));
-        let near = DVector::from_iterator(self.known.len(), near);
-        let moved = &self.mean + &self.weights * near;
+        let moved = self.shape.predict(&outset.of_shape());
         let landmarks = outset.start.len();
-        let coordinate = |moment: usize, landmark: usize, r: usize| {
-            let moved = moved.get((moment * landmarks + landmark) * 3 + r);
+        let coordinate = |part: usize, landmark: usize, r: usize| {
+            let moved = moved.get((part * landmarks + landmark) * 3 + r);
             outset.start[landmark][r] + moved.copied().unwrap_or_default()
         };
-        let mut path: Path = (0..MOMENTS)
-            .map(|moment| {
-                let point = |landmark| std::array::from_fn(|r| coordinate(moment, landmark, r));
+        let mut shape: Path = (0..MOMENTS)
+            .map(|part| {
+                let point = |landmark| std::array::from_fn(|r| coordinate(part, landmark, r));
                 (0..landmarks).map(point).collect()
             })
             .collect();
-        let end = path.last().and_then(|points| points.last()).copied();
+        let end = shape.last().and_then(|points| points.last()).copied();
         let left: Point = std::array::from_fn(|r| outset.target[r] - end.unwrap_or_default()[r]);
-        for (moment, points) in path.iter_mut().enumerate() {
+        for (part, points) in shape.iter_mut().enumerate() {
             if let Some(tip) = points.last_mut() {
                 for r in 0..3 {
-                    tip[r] += share(moment, MOMENTS) * left[r];
+                    tip[r] += share(part, MOMENTS) * left[r];
                 }
             }
         }
+        // From the start to the end, and never back.
+        let course = self.course.predict(&outset.of_course());
+        let mut course: Vec<f64> = course.iter().map(|behind| behind.clamp(0.0, 1.0)).collect();
+        if let Some(last) = course.last_mut() {
+            *last = 1.0;
+        }
+        let mut least = 0.0;
+        for behind in &mut course {
+            least = behind.max(least);
+            *behind = least;
+        }
+        let path: Path = course
+            .iter()
+            .map(|behind| between(&shape, behind * (MOMENTS - 1) as f64).collect())
+            .collect();
         let frame = |frame| between(&path, share(frame, frames) * (MOMENTS - 1) as f64).collect();
         (0..frames).map(frame).collect()
     }
@@ -454,6 +536,59 @@ mod tests {
         }
         assert!(distance(found[49][2], new.target) < 1e-12);
         assert_eq!(found[0], new.start);
+    }
+
+    #[test]
+    fn a_path_is_its_shape_by_its_course() {
+        let path = path(&recorded(&outset([0.2, 0.4, 0.1], 1.0), 61));
+        let course = course(&path);
+        let shape = shape(&path, &course);
+        for (moment, points) in path.iter().enumerate() {
+            let behind = course[moment];
+            assert!((when(&course, behind) - moment as f64).abs() < 1e-9);
+            // On a straight way the tip has gone as much of it as is behind.
+            let gone = distance(points[2], path[0][2]) / distance(path[MOMENTS - 1][2], path[0][2]);
+            assert!((gone - behind).abs() < 1e-3, "{gone} {behind}");
+            let part = share(moment, MOMENTS);
+            let moved = [0, 1, 2].map(|r| shape[(moment * 3 + 2) * 3 + r]);
+            let way = distance(path[MOMENTS - 1][2], path[0][2]);
+            assert!((distance(moved, [0.0; 3]) - part * way).abs() < 1e-3);
+        }
+        // A tip that rests has a course, too.
+        let rests = vec![path[0].clone(); MOMENTS];
+        assert_eq!(super::course(&rests)[MOMENTS - 1], 1.0);
+        assert!(
+            super::shape(&rests, &super::course(&rests))
+                .iter()
+                .all(|&x| x == 0.0)
+        );
+    }
+
+    #[test]
+    fn different_paces_do_not_blur_the_shape() {
+        // The same arc, begun the later the longer the reach takes.
+        let arc = |outset: &Outset, frames: usize| -> Vec<Vec<Point>> {
+            let way = outset.way();
+            let frame = |frame| {
+                let s = share(frame, frames).powf(4.0 * outset.seconds);
+                let up = 0.2 * (s - s * s);
+                let tip = std::array::from_fn(|r| {
+                    outset.start[2][r] + s * way[r] + if r == 2 { up } else { 0.0 }
+                });
+                vec![outset.start[0], outset.start[1], tip]
+            };
+            (0..frames).map(frame).collect()
+        };
+        let known = (0..12).map(|k| outset([0.5, 0.2, -0.3], 0.4 + 0.05 * f64::from(k)));
+        let known = known.map(|outset| {
+            let path = path(&arc(&outset, 61));
+            (outset, path)
+        });
+        let known: Vec<(Outset, Path)> = known.collect();
+        let found = predictor(&known).predict(&outset([0.5, 0.2, -0.3], 0.7), 121);
+        let highest = found.iter().map(|points| points[2][2]);
+        let highest = highest.fold(f64::NEG_INFINITY, f64::max);
+        assert!((highest - -0.25).abs() < 2e-3, "{highest}");
     }
 
     #[test]
