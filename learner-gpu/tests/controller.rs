@@ -14,6 +14,7 @@ use std::time::Duration;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use sinew::controller::{Controller, Limits};
 use sinew::map::Reach;
+use sinew::synergy::Synergy;
 use sinew::target::Position;
 use sinew_firmware::arm::NEAR;
 use sinew_firmware::node::Node;
@@ -229,12 +230,15 @@ fn the_firmwares_constant_moves_bit_for_bit_as_the_host_does_in_f32() {
         .unwrap();
 
     let chain = convert::chain(&learned::SETTINGS.chain.unwrap()).unwrap();
-    let style = convert::style(&learned::SETTINGS.synergy.unwrap()).unwrap();
+    let exported = learned::SETTINGS.synergy.unwrap();
+    let style = convert::style(&exported).unwrap();
+    let model = synergies.settings(motion).model.into();
+    let synergy = Synergy::from_parameters(model, &exported.parameters).unwrap();
     let period = (1.0 / synergies.rate_hz) as f32;
     let controller = Controller::new(
         &chain,
         style.stepper,
-        style.synergy,
+        synergy,
         style.rate,
         period,
         Limits::Clamped,
