@@ -510,6 +510,7 @@ mod tests {
         assert!(total(StepperKind::Transpose, ModelKind::D) > plain);
         assert!(total(StepperKind::PseudoInverse, ModelKind::A) > plain);
         let damped = bench.operations(StepperKind::Damped, ModelKind::A).unwrap();
-        assert!(damped.divisions >= 5.0);
+        // One for each of the three rows of the task, in every tick.
+        assert!(damped.divisions > 2.5);
     }
 }
