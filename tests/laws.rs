@@ -279,7 +279,7 @@ fn demand() -> impl Strategy<Value = Demand> {
         rate(),
         rate(),
         prop::array::uniform8(up_to(9999.0)),
-        up_to(9999.0),
+        up_to(79.9),
         up_to(9999.0),
     );
     let asked = (
