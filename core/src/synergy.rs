@@ -460,7 +460,13 @@ mod tests {
         for rate in [60.0, 1000.0] {
             let (single, double) = (furthest::<f32>(rate), furthest::<f64>(rate));
             println!("sigmoids at {rate} Hz are within {single:e} in f32, {double:e} in f64");
-            assert!(single < 1e-6 && double < 1e-14);
+            // An exponential of `micromath` is 3e-3 off at worst.
+            let most = if cfg!(feature = "micromath") {
+                2e-3
+            } else {
+                1e-6
+            };
+            assert!(single < most && double < 1e-14);
         }
     }
 
