@@ -258,6 +258,7 @@ impl<T: Real, const N: usize> Synergy<T, N> {
                 #[inline(always)]
                 |offset, slope| {
                     let fall = -(slope * dt);
+                    // A loop for the flash's sake, too.
                     let mut powers = [offset, fall];
                     for power in &mut powers {
                         *power = power.exp();

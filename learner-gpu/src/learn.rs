@@ -11,7 +11,7 @@
 //!
 //! The best is never lost: its island is never in the worse half. The search has settled when rounds gain nothing more on
 //! the whole. Then the sets alone that still gain go on with descents, until they do not; and in the end the best members
-//! are scored again in `f64`.
+//! are scored again in `f64`, and evolve in it where that differs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -395,16 +395,14 @@ impl Search {
                 rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
                 finals.push((winner, genes));
             }
-            finals.sort_by(|(a, _), (b, _)| a.mean().total_cmp(&b.mean()));
             if rugged && finals.len() >= ISLAND {
+                finals.sort_by(by_mean);
                 finals.truncate(ISLAND);
                 for generation in 0..EXACT_GENERATIONS {
                     self.exact_generation(problem, number, generation, &mut finals, &exact)?;
                 }
             }
-            let best = finals
-                .into_iter()
-                .min_by(|(a, _), (b, _)| a.mean().total_cmp(&b.mean()));
+            let best = finals.into_iter().min_by(by_mean);
             Ok(best.map(|(winner, _)| winner).unwrap_or_default())
         };
         let islands = self.islands.par_chunks(problem.islands.max(1));
@@ -418,14 +416,15 @@ impl Search {
         problem: &Problem,
         set: usize,
         generation: u32,
-        finals: &mut [(Winner, Vec<u32>)],
+        finals: &mut [Finalist],
         exact: &impl Fn(&[u32]) -> Result<Winner, TaskError>,
     ) -> Result<(), TaskError> {
-        let by_mean = |&a: &usize, &b: &usize| finals[a].0.mean().total_cmp(&finals[b].0.mean());
-        let best = (0..finals.len()).min_by(by_mean).unwrap_or(0);
+        let least = |&a: &usize, &b: &usize| by_mean(&finals[a], &finals[b]);
+        let best = (0..finals.len()).min_by(least).unwrap_or(0);
         let rows: Vec<Vec<u32>> = (0..problem.genes())
             .map(|gene| finals.iter().map(|(_, genes)| genes[gene]).collect())
             .collect();
+        // The draws of generations that the search did not get to.
         let draws = Draws {
             seed: key(problem.seed),
             set: set as u32,
@@ -443,6 +442,14 @@ impl Search {
         }
         Ok(())
     }
+}
+
+/// What a member comes to in `f64`, and its genes.
+type Finalist = (Winner, Vec<u32>);
+
+/// The nearer one first.
+fn by_mean((a, _): &Finalist, (b, _): &Finalist) -> std::cmp::Ordering {
+    a.mean().total_cmp(&b.mean())
 }
 
 /// The genes that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
@@ -588,25 +595,26 @@ impl Round {
         stop: &AtomicBool,
     ) -> bool {
         let a_set = ground.problem.islands;
+        let scores = |islands: &[Island]| -> Vec<f32> {
+            let bests = bests(islands, a_set).into_iter();
+            bests.map(|(_, score)| score).collect()
+        };
         let mut idle = vec![0; ground.problem.sets.len()];
+        let mut before = scores(islands);
         while idle.iter().any(|&idle| idle < PATIENCE) && self.encore < MOST_ENCORES {
             self.encore += 1;
-            let scores = |islands: &[Island]| -> Vec<f32> {
-                let bests = bests(islands, a_set).into_iter();
-                bests.map(|(_, score)| score).collect()
-            };
-            let before = scores(islands);
             let own = self.starts(ground, islands, |set| idle[set] < PATIENCE);
             if !ground.descend(&own, islands, count, stop) {
                 return false;
             }
             let after = scores(islands);
-            for ((idle, before), after) in idle.iter_mut().zip(before).zip(after) {
+            for ((idle, before), after) in idle.iter_mut().zip(&before).zip(&after) {
                 match before - after > WORTH * after {
                     true => *idle = 0,
                     false => *idle += 1,
                 }
             }
+            before = after;
         }
         true
     }
@@ -648,9 +656,10 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// How a descent's start is found. The last three leave the set's best by one or two of its parts (a DoF's genes, or the
-/// sigmoid that all share) and go down again: iterated local search (Lourenço, Martin and Stützle 2003). In a valley other
-/// than the best one it is often one DoF only that does something else.
+/// How a descent's start is found. From [`GuessAgain`](Self::GuessAgain) on they leave the set's best and go down again:
+/// iterated local search (Lourenço, Martin and Stützle 2003). All but the last leave it by one or two of its parts (a DoF's
+/// genes, or the sigmoid that all share): in a valley other than the best one it is often one DoF only that does something
+/// else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Way {
     /// A member as it is.
