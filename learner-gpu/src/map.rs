@@ -6,9 +6,10 @@
 //! fitted by the same Levenberg and Marquardt's method as a reach, from one vector for all reaches up: first that vector
 //! alone, then an affine map from it, then a quadratic one.
 //!
-//! Each degree is also fitted *blurred*: to points around each reach's, so that parameters a little off still serve. That
-//! gives away some distance on what is learned from, and mostly more hands arrive on what is not. Of the maps about as
-//! good as the best on reaches left out, the one whose hands arrive most often is kept.
+//! Each degree is fitted to the recordings, and to the paths that are predicted from them ([`predict::around`]), for these
+//! reaches and for others made up around them: what was so by chance in a recording is no map's business. There it costs
+//! that a hand does not arrive. Of the maps about as good as the best on reaches left out, the one whose hands arrive most
+//! often is kept.
 //!
 //! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
 //! the fewer reaches there are, the stronger.
@@ -43,10 +44,8 @@ const RIDGE: f64 = 1e-5;
 /// And of the squared differences from another person's, with one reach, metres; with n reaches, less by n³. One reach says
 /// little about a map, and is not to bend it; with many, their own say more.
 const KNOWN: f64 = 27.0;
-/// A blurred fit looks at so many points around each reach's, in pairs that lie across from each other,
-const AROUND: u32 = 4;
-/// in a cube of this width, shares of the bounds.
-const WIDTH: f64 = 0.14;
+/// What a metre costs that the hand does not arrive by, in fits to predicted paths.
+const ARRIVAL: f32 = 1.0;
 /// Of ways whose distances differ by less than this share, the one whose hands arrive most often is kept.
 const AS_GOOD: f64 = 0.03;
 /// Reaches' own vectors that a fold's fit begins with, to go on with the best.
@@ -221,7 +220,7 @@ pub fn learn(
     ];
     let mut candidates: Vec<Candidate> = Vec::new();
     // Fits that begin with some weights, and how they do.
-    let mut attempt = |fit: &Fit<'_>, name: String, degree: Degree, from: &mut Weights| {
+    let mut attempt = |kind: &Kind, name: String, degree: Degree, from: &mut Weights| {
         if stop.load(Ordering::Relaxed) {
             return Ok(());
         }
@@ -229,16 +228,27 @@ pub fn learn(
         let wider =
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
         let parts = folds.par_iter().zip(&from.parts);
-        from.parts = parts
-            .map(|((_, kept), part)| fit.descend(wider(part), kept))
-            .collect();
+        let parts = parts.map(|((_, kept), part)| {
+            kind.with(&fit, problem, kept, |fit, kept| {
+                fit.descend(wider(part), kept)
+            })
+        });
+        let parts: Vec<DMatrix<f64>> = parts.collect::<Result<_, TaskError>>()?;
+        if stop.load(Ordering::Relaxed) {
+            return Ok(());
+        }
         // Fits end in different valleys: that to all goes on from the best of the folds' if that is better.
-        let whole = fit.descend(wider(&from.whole), &all);
-        let others = from.parts.iter().map(|part| (fit.cost(part, &all), part));
-        from.whole = match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((cost, part)) if cost < fit.cost(&whole, &all) => fit.descend(part.clone(), &all),
-            _ => whole,
-        };
+        from.whole = kind.with(&fit, problem, &all, |fit, all| {
+            let whole = fit.descend(wider(&from.whole), all);
+            let others = parts.iter().map(|part| (fit.cost(part, all), part));
+            match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((cost, part)) if cost < fit.cost(&whole, all) => {
+                    fit.descend(part.clone(), all)
+                }
+                _ => whole,
+            }
+        })?;
+        from.parts = parts;
         let mut scored = Vec::new();
         for ((left_out, _), part) in folds.iter().zip(&from.parts) {
             scored.extend(fit.points(part, left_out));
@@ -248,41 +258,41 @@ pub fn learn(
             trial: trial(problem, &landscape, name, &fitted, &scored)?,
             degree,
             weights: from.whole.clone(),
-            adapted: fit.known.is_some(),
+            adapted: matches!(kind, Kind::Adapted(_)),
         });
         Ok::<(), TaskError>(())
     };
     if let Some(known) = known {
         let weights = weights(problem, known);
-        let with = fit.drawn_to(weights.clone());
         let degree = known.degree.max(Degree::Affine);
         let mut from = Weights {
             parts: vec![weights.clone(); folds.len()],
-            whole: weights,
+            whole: weights.clone(),
         };
-        attempt(
-            &with,
-            "another's map, adapted".to_owned(),
-            degree,
-            &mut from,
-        )?;
+        let name = "another's map, adapted".to_owned();
+        attempt(&Kind::Adapted(weights), name, degree, &mut from)?;
     }
     // Each degree's fits go on from those of the degree before.
     let mut from = Weights {
         whole: one,
         parts: fit.beginnings(problem, own, &folds),
     };
-    let (blurred, mut from_blurred) = (fit.blurred(), from.clone());
+    let mut from_predicted = from.clone();
     for degree in Degree::ALL {
         // What cannot be tried is kept simple.
         if folds.is_empty() && (known.is_some() || degree > Degree::Constant) {
             break;
         }
         let name = format!("{degree:?} map").to_lowercase();
-        let name_blurred = format!("{name}, blurred");
-        attempt(&fit, name, degree, &mut from)?;
+        let name_predicted = format!("{name} for predicted paths");
+        attempt(&Kind::Recorded, name, degree, &mut from)?;
         if !folds.is_empty() {
-            attempt(&blurred, name_blurred, degree, &mut from_blurred)?;
+            attempt(
+                &Kind::Predicted,
+                name_predicted,
+                degree,
+                &mut from_predicted,
+            )?;
         }
     }
     if stop.load(Ordering::Relaxed) {
@@ -344,6 +354,46 @@ pub fn learn(
         kept: kept.name,
         paths,
     }))
+}
+
+/// What a map is fitted to.
+enum Kind {
+    /// The recordings.
+    Recorded,
+    /// The paths predicted from them.
+    Predicted,
+    /// The recordings, from another person's coefficients.
+    Adapted(DMatrix<f64>),
+}
+
+impl Kind {
+    /// Calls `with` with a fit to some reaches, and their numbers there; `fit` is that to the recordings.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    fn with<R>(
+        &self,
+        fit: &Fit<'_>,
+        problem: &Problem,
+        reaches: &[usize],
+        with: impl FnOnce(&Fit<'_>, &[usize]) -> R,
+    ) -> Result<R, TaskError> {
+        Ok(match self {
+            Kind::Recorded => with(fit, reaches),
+            Kind::Adapted(known) => with(&fit.drawn_to(known.clone()), reaches),
+            // What is stopped needs no ground to be made ready.
+            Kind::Predicted if fit.stop.load(Ordering::Relaxed) => with(fit, reaches),
+            Kind::Predicted => {
+                let made = predict::around(problem, reaches)?;
+                let landscape = Landscape::arriving(&made, ARRIVAL)?;
+                let all: Vec<usize> = (0..made.tasks.len()).collect();
+                with(
+                    &Fit::new(&made, &landscape, (fit.centre, fit.scale), fit.stop),
+                    &all,
+                )
+            }
+        })
+    }
 }
 
 /// A fitted map, and how it does.
@@ -685,12 +735,13 @@ fn spread_out(targets: Vec<Point>) -> Vec<Point> {
 #[derive(Clone)]
 struct Fit<'a> {
     landscape: &'a Landscape<'a>,
+    /// The inputs' centre and scale.
+    centre: &'a [f64; INPUTS],
+    scale: &'a [f64; INPUTS],
     /// Each reach's terms.
     terms: Vec<Vec<f64>>,
     /// What coefficients are drawn to, where it is not to 0.
     known: Option<DMatrix<f64>>,
-    /// Whether it looks around each reach's point, so that parameters a little off still serve.
-    blurred: bool,
     stop: &'a AtomicBool,
 }
 
@@ -698,24 +749,17 @@ impl<'a> Fit<'a> {
     fn new(
         problem: &Problem,
         landscape: &'a Landscape<'a>,
-        (centre, scale): (&[f64; INPUTS], &[f64; INPUTS]),
+        (centre, scale): (&'a [f64; INPUTS], &'a [f64; INPUTS]),
         stop: &'a AtomicBool,
     ) -> Self {
         let terms = |task| terms(&standardised(&inputs(problem, task), centre, scale)).to_vec();
         Fit {
             landscape,
+            centre,
+            scale,
             terms: problem.tasks.iter().map(terms).collect(),
             known: None,
-            blurred: false,
             stop,
-        }
-    }
-
-    /// The same, blurred.
-    fn blurred(&self) -> Self {
-        Fit {
-            blurred: true,
-            ..self.clone()
         }
     }
 
@@ -775,27 +819,6 @@ impl<'a> Fit<'a> {
         reaches.iter().map(point).collect()
     }
 
-    /// What the fit looks at: the reaches' points, or [`AROUND`] around each.
-    fn around(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Vec<(usize, Vec<f32>)> {
-        let around = |(reach, point): (usize, Vec<f32>)| {
-            let near = move |number: u32| {
-                let moved = |(k, share): (usize, &f32)| {
-                    let draw = philox([reach as u32, number / 2, k as u32, 0], [0, 0])[0];
-                    let by = WIDTH * (f64::from(draw) / f64::from(u32::MAX) - 0.5);
-                    let by = if number.is_multiple_of(2) { by } else { -by };
-                    (f64::from(*share) + by).clamp(0.0, 1.0) as f32
-                };
-                (reach, point.iter().enumerate().map(moved).collect())
-            };
-            (0..AROUND).map(near)
-        };
-        let points = self.points(weights, reaches);
-        match self.blurred {
-            true => points.into_iter().flat_map(around).collect(),
-            false => points,
-        }
-    }
-
     /// The mean distance, metres.
     fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
         mean(self.landscape, &self.points(weights, reaches))
@@ -803,7 +826,7 @@ impl<'a> Fit<'a> {
 
     /// What is made small.
     fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
-        let scores = self.landscape.scores_at(&self.around(weights, reaches));
+        let scores = self.landscape.scores_at(&self.points(weights, reaches));
         let sum: f64 = scores.iter().map(|&score| counted(score)).sum();
         let count = scores.len().max(1) as f64;
         let (pull, first) = self.pull(reaches);
@@ -872,7 +895,7 @@ impl<'a> Fit<'a> {
     fn slope(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Slope {
         let (rows, columns) = weights.shape();
         let size = rows * columns;
-        let points = self.around(weights, reaches);
+        let points = self.points(weights, reaches);
         let slopes = self.landscape.slopes_at(&points);
         let mut steep: Vec<f64> = slopes.iter().map(|slope| slope.scale.sum()).collect();
         let each = steep.clone();

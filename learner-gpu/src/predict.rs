@@ -15,12 +15,16 @@
 //!
 //! Parameters that follow the path are found by descents ([`crate::refine`]) from those of the reaches to the nearest
 //! targets; and by others from there, for which it costs more that the hand does not arrive.
+//!
+//! A map for a microcontroller is fitted to predicted paths, too ([`around`]): to those of the recorded reaches and of others
+//! made up around them. They are what recordings have in common, without what was so by chance in each.
 
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use crate::kernel::philox::philox;
 use crate::kernel::proposal::{gene, parameter};
 use crate::map::LearnedMap;
 use crate::motion::{Point, distance};
@@ -45,10 +49,17 @@ const FURTHEST: f64 = 3.0;
 const STARTS: usize = 8;
 /// What a metre costs that the hand does not arrive by, in one descent after the other: the first finds the path's valley,
 /// the last stays in it and arrives.
-const ARRIVALS: [f32; 2] = [0.2, 2.0];
+const ARRIVALS: [f32; 3] = [0.2, 2.0, 20.0];
 /// A reach is predicted to take no longer than so many times the longest that was recorded: its path ends there, and the
 /// hand rests.
 const LONGEST: f64 = 2.0;
+
+/// Reaches that are made up around each recorded one, in pairs that lie across from each other,
+const AROUND: u32 = 4;
+/// in a cube so far to each side of its target, metres,
+const AWAY: f64 = 0.06;
+/// whose times are longer or shorter by up to this share.
+const PACES: f64 = 0.2;
 
 /// A path: at each of the [`MOMENTS`] the landmarks, the tip last; metres in the base frame.
 pub type Path = Vec<Vec<Point>>;
@@ -365,6 +376,68 @@ fn nearest(targets: impl Iterator<Item = Point>, to: Point) -> Vec<(usize, f64)>
     all
 }
 
+/// What is known of each of a problem's reaches before it begins, and its path.
+fn known(problem: &Problem) -> Result<Vec<(Outset, Path)>, TaskError> {
+    let known = |task: &Task| {
+        let outset = Outset::new(task, seconds(problem, task))?;
+        Ok((outset, path(&task.reference)))
+    };
+    problem.tasks.iter().map(known).collect()
+}
+
+/// How long a reach takes.
+fn seconds(problem: &Problem, task: &Task) -> f64 {
+    task.reference.len().saturating_sub(1) as f64 * problem.settings.dt()
+}
+
+/// A predictor from some of the reaches.
+fn predictor(known: &[(Outset, Path)], kept: &[usize]) -> Predictor {
+    let from = kept.iter().map(|&reach| (&known[reach].0, &known[reach].1));
+    Predictor::new(&from.collect::<Vec<_>>())
+}
+
+/// Some of a problem's reaches, and others made up around each, with the paths that are predicted from these alone.
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn around(problem: &Problem, kept: &[usize]) -> Result<Problem, TaskError> {
+    let known = known(problem)?;
+    let predictor = predictor(&known, kept);
+    let mut tasks = Vec::new();
+    for &reach in kept {
+        let task = &problem.tasks[reach];
+        let seconds = seconds(problem, task);
+        let reference = predictor.predict(&known[reach].0, task.reference.len());
+        tasks.push(Task {
+            reference,
+            ..task.clone()
+        });
+        for number in 0..AROUND {
+            let draws = philox([reach as u32, number / 2, 0, 1], [0, 0]);
+            let side = if number.is_multiple_of(2) { 2.0 } else { -2.0 };
+            let by = draws.map(|draw| side * (f64::from(draw) / f64::from(u32::MAX) - 0.5));
+            let target: Point = std::array::from_fn(|r| task.target[r] + AWAY * by[r]);
+            // No further from the base than where the arm was seen to reach.
+            let [most, far] = [task.target, target].map(|to| distance(to, [0.0; 3]));
+            let within = if far > most { most / far } else { 1.0 };
+            let target = target.map(|x| x * within);
+            let seconds = seconds * (PACES * by[3]).exp();
+            let mut made = Task {
+                target,
+                ..task.clone()
+            };
+            let frames = (seconds * problem.settings.rate_hz).round() as usize + 1;
+            made.reference = predictor.predict(&Outset::new(&made, seconds)?, frames.max(2));
+            tasks.push(made);
+        }
+    }
+    Ok(Problem {
+        sets: (0..tasks.len()).map(|set| vec![set]).collect(),
+        tasks,
+        ..problem.clone()
+    })
+}
+
 /// The parameters of a problem's reaches, group by group, found from what is known of others: with each group that is left
 /// out go the reaches that are kept, of which the best parameters (`own`) are known too. None where `stop` was set
 /// meanwhile.
@@ -377,16 +450,9 @@ pub fn left_out(
     folds: &[(Vec<usize>, Vec<usize>)],
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<f64>>>, TaskError> {
-    let known = |task: &Task| {
-        let seconds = task.reference.len().saturating_sub(1) as f64 * problem.settings.dt();
-        let outset = Outset::new(task, seconds)?;
-        Ok((outset, path(&task.reference)))
-    };
-    let known = problem.tasks.iter().map(known);
-    let known: Vec<(Outset, Path)> = known.collect::<Result<_, TaskError>>()?;
+    let known = known(problem)?;
     let found = folds.par_iter().map(|(left_out, kept)| {
-        let from = kept.iter().map(|&reach| (&known[reach].0, &known[reach].1));
-        let predictor = Predictor::new(&from.collect::<Vec<_>>());
+        let predictor = predictor(&known, kept);
         let predicted = |&reach: &usize| {
             let task = &problem.tasks[reach];
             let targets = kept.iter().map(|&other| problem.tasks[other].target);
@@ -620,25 +686,66 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_hand_that_does_not_arrive_costs_more_and_slopes_say_so() {
+    /// Some of the shipped reaches, a set each.
+    fn shipped(numbers: std::ops::Range<usize>) -> Problem {
         let reaches = crate::sample::shipped().unwrap();
         let arm = Arm::Human(facing(&reaches));
         let stepper = StepperKind::PseudoInverse;
-        let settings = Settings {
-            stepper,
-            model: ModelKind::B,
-            lambda: stepper.rate(),
-            rate_hz: 60.0,
-            clamped: false,
-        };
-        let problem = Problem {
-            settings,
-            tasks: vec![Task::new(&reaches[4], &arm, 60.0).unwrap()],
-            sets: vec![vec![0]],
+        let tasks = reaches[numbers].iter();
+        let tasks = tasks.map(|reach| Task::new(reach, &arm, 60.0).unwrap());
+        let tasks: Vec<Task> = tasks.collect();
+        Problem {
+            settings: Settings {
+                stepper,
+                model: ModelKind::B,
+                lambda: stepper.rate(),
+                rate_hz: 60.0,
+                clamped: false,
+            },
+            sets: (0..tasks.len()).map(|set| vec![set]).collect(),
+            tasks,
             islands: 1,
             seed: 1,
-        };
+        }
+    }
+
+    #[test]
+    fn reaches_made_up_around_recorded_ones_know_of_these_alone() {
+        let (kept, left_out) = ([0, 1, 3, 4], 2);
+        let problem = shipped(0..5);
+        let made = around(&problem, &kept).unwrap();
+        let each = 1 + AROUND as usize;
+        assert_eq!(made.tasks.len(), kept.len() * each);
+        assert_eq!(made.sets.len(), made.tasks.len());
+        for (number, task) in made.tasks.iter().enumerate() {
+            let recorded = &problem.tasks[kept[number / each]];
+            let apart: Vec<f64> = (0..3)
+                .map(|r| (task.target[r] - recorded.target[r]).abs())
+                .collect();
+            assert_eq!(task.target == recorded.target, number % each == 0);
+            assert!(apart.iter().all(|&apart| apart < 2.0 * AWAY), "{apart:?}");
+            let far = |at: Point| distance(at, [0.0; 3]);
+            assert!(far(task.target) <= far(recorded.target) + 1e-12);
+            let path = &task.reference;
+            assert!(path.iter().flatten().flatten().all(|x| x.is_finite()));
+            // From where the arm is to the target, in about the time that it took.
+            assert_eq!(task.initial, recorded.initial);
+            let end = *path.last().unwrap().last().unwrap();
+            assert!(distance(end, task.target) < 1e-9);
+            let times = path.len() as f64 / recorded.reference.len() as f64;
+            assert!((0.75..1.3).contains(&times), "{times}");
+        }
+
+        let mut other = problem.clone();
+        other.tasks[left_out].reference.reverse();
+        assert_eq!(around(&other, &kept).unwrap().tasks, made.tasks);
+        other.tasks[kept[1]].reference.truncate(20);
+        assert_ne!(around(&other, &kept).unwrap().tasks, made.tasks);
+    }
+
+    #[test]
+    fn a_hand_that_does_not_arrive_costs_more_and_slopes_say_so() {
+        let problem = shipped(4..5);
         let plain = Landscape::new(&problem).unwrap();
         let arriving = Landscape::arriving(&problem, 2.0).unwrap();
         let cost = |gain: f32| {

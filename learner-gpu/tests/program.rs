@@ -199,7 +199,7 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
         "nearest learned target",
         "between 4 nearest",
         "constant map",
-        "affine map, blurred",
+        "affine map for predicted paths",
         "quadratic map",
         "learned for a predicted path",
     ] {
