@@ -14,8 +14,8 @@
 //! Another person's map, where one is given, is adapted by the same fit, with its coefficients drawn to what they were:
 //! the fewer reaches there are, the stronger.
 //!
-//! Beside the maps, parameters are learned anew for the path that a reach is predicted to take ([`predict`]). Where that
-//! does better, the file keeps what it takes.
+//! Beside the maps, parameters are learned anew for the path that a reach is predicted to take ([`predict`]), from another
+//! person's reaches, too, where they are given. Where that does better, the file keeps what it takes.
 //!
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
@@ -30,9 +30,9 @@ use sinew::real::Real;
 
 use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
-use crate::learn::{Backend, GENERATIONS_A_ROUND, LearnError, Search};
+use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
-use crate::predict;
+use crate::predict::{self, Known};
 use crate::problem::{ModelKind, Problem, with_dofs};
 use crate::refine::{Landscape, Slope};
 use crate::task::{Task, TaskError};
@@ -111,10 +111,10 @@ pub struct LearnedMap {
     /// The name of the trial whose map this is.
     #[serde(default)]
     pub kept: String,
-    /// The path of each motion in the file, where parameters learned for a predicted path ([`predict`]) did better than
-    /// the map: what there is time to compute for is planned so.
+    /// The reaches that paths are predicted from, where parameters learned for a predicted path ([`predict`]) did better
+    /// than the map: what there is time to compute for is planned so. With another person's map also the other's.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub paths: Vec<predict::Path>,
+    pub reaches: Vec<predict::Reach>,
 }
 
 /// A way to find the parameters of a new reach, tried on reaches left out.
@@ -214,6 +214,12 @@ pub fn learn(
         return Ok(None);
     };
     let folds = folds(problem);
+    let reaches = predict::reaches(problem, own)?;
+    let others = known.map_or(&[][..], |known| &known.reaches);
+    let seen = Known {
+        own: &reaches,
+        others,
+    };
     let mut trials = vec![
         neighbours(problem, &landscape, own, 1)?,
         neighbours(problem, &landscape, own, NEIGHBOURS)?,
@@ -229,7 +235,7 @@ pub fn learn(
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
         let parts = folds.par_iter().zip(&from.parts);
         let parts = parts.map(|((_, kept), part)| {
-            kind.with(&fit, problem, kept, |fit, kept| {
+            kind.with(&fit, problem, seen, kept, |fit, kept| {
                 fit.descend(wider(part), kept)
             })
         });
@@ -238,7 +244,7 @@ pub fn learn(
             return Ok(());
         }
         // Fits end in different valleys: that to all goes on from the best of the folds' if that is better.
-        from.whole = kind.with(&fit, problem, &all, |fit, all| {
+        from.whole = kind.with(&fit, problem, seen, &all, |fit, all| {
             let whole = fit.descend(wider(&from.whole), all);
             let others = parts.iter().map(|part| (fit.cost(part, all), part));
             match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -300,7 +306,7 @@ pub fn learn(
     }
     trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
     tell(PREDICTED);
-    let Some(predicted) = predicted(problem, &landscape, own, &folds, stop)? else {
+    let Some(predicted) = predicted(problem, &landscape, seen, &folds, stop)? else {
         return Ok(None);
     };
     trials.push(predicted.clone());
@@ -314,14 +320,12 @@ pub fn learn(
     else {
         return Ok(None);
     };
-    // Another's map serves where these recordings say nothing of a path.
-    let paths = match (predicted.left_out_cm, kept.left_out_cm) {
-        (Some(predicted), Some(kept)) if predicted < kept && !adapted => {
-            let path = |task: &Task| predict::path(&task.reference);
-            problem.tasks.iter().map(path).collect()
-        }
-        _ => Vec::new(),
-    };
+    // Where another's map serves best, these recordings alone say nothing of a path; the other's may.
+    let reaches = match (predicted.left_out_cm, kept.left_out_cm) {
+        (Some(predicted), Some(kept)) => predicted < kept && !(adapted && others.is_empty()),
+        _ => !others.is_empty(),
+    }
+    .then(|| [&reaches[..], others].concat());
     let own = problem.tasks.iter().map(|task| task.target);
     let mut targets = spread_out(own.collect());
     let mut radius = gap(problem, &folds).max(NEAR);
@@ -352,7 +356,7 @@ pub fn learn(
         radius,
         trials,
         kept: kept.name,
-        paths,
+        reaches: reaches.unwrap_or_default(),
     }))
 }
 
@@ -375,6 +379,7 @@ impl Kind {
         &self,
         fit: &Fit<'_>,
         problem: &Problem,
+        seen: Known<'_>,
         reaches: &[usize],
         with: impl FnOnce(&Fit<'_>, &[usize]) -> R,
     ) -> Result<R, TaskError> {
@@ -384,7 +389,7 @@ impl Kind {
             // What is stopped needs no ground to be made ready.
             Kind::Predicted if fit.stop.load(Ordering::Relaxed) => with(fit, reaches),
             Kind::Predicted => {
-                let made = predict::around(problem, reaches)?;
+                let made = predict::around(problem, seen, reaches)?;
                 let landscape = Landscape::arriving(&made, ARRIVAL)?;
                 let all: Vec<usize> = (0..made.tasks.len()).collect();
                 with(
@@ -459,10 +464,12 @@ fn one_vector(
 pub struct Transfer {
     /// How many reaches were learned from.
     pub reaches: usize,
+    /// Learned for paths predicted from the other person's reaches and these, where the other's file has its reaches.
+    pub predicted_cm: Option<f64>,
     /// The other person's map, adapted to them.
     pub adapted_cm: f64,
-    /// One vector, and an affine map, from them alone.
-    pub alone_cm: Option<[f64; 2]>,
+    /// From them alone: one vector, an affine map, and learned for predicted paths.
+    pub alone_cm: Option<[f64; 3]>,
 }
 
 /// Times that reaches are chosen to learn from.
@@ -470,7 +477,8 @@ const CHOICES: u32 = 6;
 
 /// Learns from 1, 2, … up to `most` reaches of a person, with the `known` map of another and without it, and tries what
 /// was learned on the person's other reaches, also beyond where it is to be trusted; means over a few choices of reaches.
-/// With 0 reaches: the known map's polynomial as it is. None where `stop` was set meanwhile.
+/// With 0 reaches: the known map's polynomial as it is. The search for each reach's own parameters, which predictions begin
+/// with, runs so many `generations` at most. None where `stop` was set meanwhile.
 ///
 /// # Errors
 /// A task that the core refuses.
@@ -478,6 +486,7 @@ pub fn transfer(
     problem: &Problem,
     known: &LearnedMap,
     most: usize,
+    generations: u32,
     stop: &AtomicBool,
     tell: impl Fn(&str),
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
@@ -488,24 +497,56 @@ pub fn transfer(
     let with = alone.drawn_to(weights.clone());
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
-    let as_it_is = 100.0 * with.mean(&weights, &all);
-    let mut out = vec![Transfer {
-        reaches: 0,
-        adapted_cm: as_it_is,
-        alone_cm: None,
-    }];
-    for reaches in 1..=most.min(count.saturating_sub(1)) {
-        tell(&format!("{reaches} reaches"));
-        let mut row = Transfer {
-            reaches,
-            adapted_cm: 0.0,
-            alone_cm: Some([0.0; 2]),
+    tell("each reach by itself");
+    let mut search = Search::new(problem);
+    let ended = search.run(problem, &mut Backend::Cpu, generations, stop, None, |_| {})?;
+    if ended == Ended::Stopped {
+        return Ok(None);
+    }
+    let own = search.winners(problem)?.into_iter();
+    let own: Vec<Vec<f64>> = own.map(|winner| winner.parameters).collect();
+    let reaches = predict::reaches(problem, &own)?;
+    // The mean distance of what is predicted for the reaches left out of each choice.
+    let predicted = |folds: &[Fold], others: &[predict::Reach]| {
+        let seen = Known {
+            own: &reaches,
+            others,
         };
-        for choice in 0..CHOICES {
-            // A shuffle by draws.
+        let trial = predicted(problem, &landscape, seen, folds, stop)?;
+        Ok::<_, TaskError>(trial.and_then(|trial| trial.left_out_cm))
+    };
+    // A choice is a shuffle by draws, of which the first reaches are used.
+    let folds = |used: usize| -> Vec<Fold> {
+        let choice = |choice: u32| {
             let mut order = all.clone();
             order.sort_by_key(|&reach| philox([reach as u32, choice, 0, !0], key(problem.seed)));
-            let (used, others) = order.split_at(reaches);
+            let others = order.split_off(used);
+            (others, order)
+        };
+        (0..CHOICES).map(choice).collect()
+    };
+    let mut out = vec![Transfer {
+        reaches: 0,
+        predicted_cm: match known.reaches.is_empty() {
+            true => None,
+            false => predicted(&folds(0)[..1], &known.reaches)?,
+        },
+        adapted_cm: 100.0 * with.mean(&weights, &all),
+        alone_cm: None,
+    }];
+    for used in 1..=most.min(count.saturating_sub(1)) {
+        tell(&format!("{used} reaches"));
+        let folds = folds(used);
+        let mut row = Transfer {
+            reaches: used,
+            predicted_cm: match known.reaches.is_empty() {
+                true => None,
+                false => predicted(&folds, &known.reaches)?,
+            },
+            adapted_cm: 0.0,
+            alone_cm: predicted(&folds, &[])?.map(|cm| [0.0, 0.0, cm]),
+        };
+        for (others, used) in &folds {
             let Some(one) = one_vector(problem, used, stop)? else {
                 return Ok(None);
             };
@@ -651,12 +692,12 @@ fn neighbours(
 fn predicted(
     problem: &Problem,
     landscape: &Landscape<'_>,
-    own: &[Vec<f64>],
+    seen: Known<'_>,
     folds: &[Fold],
     stop: &AtomicBool,
 ) -> Result<Option<Trial>, TaskError> {
     let points = |folds: &[Fold]| -> Result<_, TaskError> {
-        let found = predict::left_out(problem, own, folds, stop)?;
+        let found = predict::left_out(problem, seen, folds, stop)?;
         let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
         let point = |(reach, parameters): (usize, Vec<f64>)| {
             let shares = shares(problem, &parameters);

@@ -13,6 +13,8 @@
 //! shape also the target, for the time course the logarithm of the time and the mean speed: each less its mean over its
 //! standard deviation, and weighted. What the shape's end is off the target, which is known, is spread evenly over the way.
 //!
+//! Recordings may be of several people: what differs between these most, how long their arms are, is part of x.
+//!
 //! Parameters that follow the path are found by descents ([`crate::refine`]) from those of the reaches to the nearest
 //! targets; and by others from there, for which it costs more that the hand does not arrive.
 //!
@@ -23,6 +25,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::kernel::philox::philox;
 use crate::kernel::proposal::{gene, parameter};
@@ -65,13 +68,26 @@ const PACES: f64 = 0.2;
 pub type Path = Vec<Vec<Point>>;
 
 /// What is known of a reach before it begins.
-struct Outset {
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Outset {
     /// Where the landmarks begin, the tip last; metres in the base frame.
-    start: Vec<Point>,
+    pub start: Vec<Point>,
     /// Where the tip is to go.
-    target: Point,
+    pub target: Point,
     /// How long it is to take, seconds.
-    seconds: f64,
+    pub seconds: f64,
+}
+
+/// A recorded reach, as far as others are predicted from it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reach {
+    /// How it began.
+    #[serde(flatten)]
+    pub outset: Outset,
+    /// The path that it took.
+    pub path: Path,
+    /// Its best parameters.
+    pub parameters: Vec<f64>,
 }
 
 impl Outset {
@@ -117,7 +133,7 @@ impl Outset {
 }
 
 /// The path of a recording, to a tenth of a millimetre.
-pub fn path(reference: &[Vec<Point>]) -> Path {
+fn path(reference: &[Vec<Point>]) -> Path {
     let rounded = |point: Point| point.map(|x| (x * 1e4).round() / 1e4);
     let moment = |moment: usize| {
         let at = share(moment, MOMENTS) * reference.len().saturating_sub(1) as f64;
@@ -260,13 +276,14 @@ struct Predictor {
 
 impl Predictor {
     /// From recordings of the same landmarks, at least one.
-    fn new(recordings: &[(&Outset, &Path)]) -> Self {
+    fn new(recordings: &[&Reach]) -> Self {
         let inputs = |of: fn(&Outset) -> Vec<(f64, f64)>| -> Vec<_> {
-            recordings.iter().map(|(outset, _)| of(outset)).collect()
+            recordings.iter().map(|reach| of(&reach.outset)).collect()
         };
-        let courses: Vec<Vec<f64>> = recordings.iter().map(|(_, path)| course(path)).collect();
-        let each = recordings.iter().zip(&courses);
-        let shapes = each.map(|((_, path), course)| DVector::from_vec(shape(path, course)));
+        let paths = || recordings.iter().map(|reach| &reach.path);
+        let courses: Vec<Vec<f64>> = paths().map(course).collect();
+        let shapes = paths().zip(&courses);
+        let shapes = shapes.map(|(path, course)| DVector::from_vec(shape(path, course)));
         let shapes: Vec<DVector<f64>> = shapes.collect();
         let courses: Vec<DVector<f64>> = courses.into_iter().map(DVector::from_vec).collect();
         Predictor {
@@ -376,13 +393,19 @@ fn nearest(targets: impl Iterator<Item = Point>, to: Point) -> Vec<(usize, f64)>
     all
 }
 
-/// What is known of each of a problem's reaches before it begins, and its path.
-fn known(problem: &Problem) -> Result<Vec<(Outset, Path)>, TaskError> {
-    let known = |task: &Task| {
-        let outset = Outset::new(task, seconds(problem, task))?;
-        Ok((outset, path(&task.reference)))
+/// A problem's reaches, with the best parameters of each.
+///
+/// # Errors
+/// A task that the core refuses.
+pub fn reaches(problem: &Problem, own: &[Vec<f64>]) -> Result<Vec<Reach>, TaskError> {
+    let reach = |(task, parameters): (&Task, &Vec<f64>)| {
+        Ok(Reach {
+            outset: Outset::new(task, seconds(problem, task))?,
+            path: path(&task.reference),
+            parameters: parameters.clone(),
+        })
     };
-    problem.tasks.iter().map(known).collect()
+    problem.tasks.iter().zip(own).map(reach).collect()
 }
 
 /// How long a reach takes.
@@ -390,24 +413,36 @@ fn seconds(problem: &Problem, task: &Task) -> f64 {
     task.reference.len().saturating_sub(1) as f64 * problem.settings.dt()
 }
 
-/// A predictor from some of the reaches.
-fn predictor(known: &[(Outset, Path)], kept: &[usize]) -> Predictor {
-    let from = kept.iter().map(|&reach| (&known[reach].0, &known[reach].1));
-    Predictor::new(&from.collect::<Vec<_>>())
+/// What paths are predicted from: a problem's reaches, and those of other people.
+#[derive(Clone, Copy)]
+pub struct Known<'a> {
+    /// The problem's own, in its order.
+    pub own: &'a [Reach],
+    /// The others'.
+    pub others: &'a [Reach],
 }
 
-/// Some of a problem's reaches, and others made up around each, with the paths that are predicted from these alone.
+impl<'a> Known<'a> {
+    /// The others', and those of its own that are kept.
+    fn kept(self, kept: &[usize]) -> Vec<&'a Reach> {
+        let own = kept.iter().filter_map(|&reach| self.own.get(reach));
+        own.chain(self.others).collect()
+    }
+}
+
+/// Some of a problem's reaches, and more made up around each, with the paths that are predicted from these alone and from
+/// other people's.
 ///
 /// # Errors
 /// A task that the core refuses.
-pub fn around(problem: &Problem, kept: &[usize]) -> Result<Problem, TaskError> {
-    let known = known(problem)?;
-    let predictor = predictor(&known, kept);
+pub fn around(problem: &Problem, known: Known<'_>, kept: &[usize]) -> Result<Problem, TaskError> {
+    let predictor = Predictor::new(&known.kept(kept));
     let mut tasks = Vec::new();
     for &reach in kept {
         let task = &problem.tasks[reach];
         let seconds = seconds(problem, task);
-        let reference = predictor.predict(&known[reach].0, task.reference.len());
+        let outset = Outset::new(task, seconds)?;
+        let reference = predictor.predict(&outset, task.reference.len());
         tasks.push(Task {
             reference,
             ..task.clone()
@@ -438,36 +473,41 @@ pub fn around(problem: &Problem, kept: &[usize]) -> Result<Problem, TaskError> {
     })
 }
 
+/// The parameters of those of some reaches whose targets are nearest to another: where descents begin.
+fn starts(reaches: Vec<&Reach>, to: Point) -> Vec<&[f64]> {
+    let targets = reaches.iter().map(|reach| reach.outset.target);
+    let near = nearest(targets, to).into_iter().take(STARTS);
+    near.map(|(reach, _)| reaches[reach].parameters.as_slice())
+        .collect()
+}
+
 /// The parameters of a problem's reaches, group by group, found from what is known of others: with each group that is left
-/// out go the reaches that are kept, of which the best parameters (`own`) are known too. None where `stop` was set
-/// meanwhile.
+/// out go the reaches that are kept. None where `stop` was set meanwhile.
 ///
 /// # Errors
 /// A task that the core refuses.
 pub fn left_out(
     problem: &Problem,
-    own: &[Vec<f64>],
+    known: Known<'_>,
     folds: &[(Vec<usize>, Vec<usize>)],
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<f64>>>, TaskError> {
-    let known = known(problem)?;
     let found = folds.par_iter().map(|(left_out, kept)| {
-        let predictor = predictor(&known, kept);
+        let predictor = Predictor::new(&known.kept(kept));
         let predicted = |&reach: &usize| {
             let task = &problem.tasks[reach];
-            let targets = kept.iter().map(|&other| problem.tasks[other].target);
-            let near = nearest(targets, task.target).into_iter().take(STARTS);
-            let task = Task {
-                reference: predictor.predict(&known[reach].0, task.reference.len()),
+            let outset = Outset::new(task, seconds(problem, task))?;
+            let asked = Task {
+                reference: predictor.predict(&outset, task.reference.len()),
                 ..task.clone()
             };
-            let starts = near.map(|(other, _)| own[kept[other]].as_slice());
-            (task, starts.collect())
+            Ok((asked, starts(known.kept(kept), task.target)))
         };
-        left_out.iter().map(predicted).collect::<Vec<_>>()
+        let each = left_out.iter().map(predicted);
+        each.collect::<Result<Vec<_>, TaskError>>()
     });
-    let found: Vec<(Task, Vec<&[f64]>)> = found.flatten_iter().collect();
-    let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().unzip();
+    let found: Vec<Vec<_>> = found.collect::<Result<_, TaskError>>()?;
+    let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().flatten().unzip();
     if tasks.is_empty() {
         return Ok(Some(Vec::new()));
     }
@@ -480,7 +520,7 @@ pub fn left_out(
 }
 
 /// Parameters for a reach that begins as one of the file's motions does, and how far to trust them, from 0 to 1, by a map
-/// with paths. A target beyond the map's radius is served as [`sinew::map`] says.
+/// that has reaches to predict from. A target beyond the map's radius is served as [`sinew::map`] says.
 ///
 /// # Errors
 /// What the core refuses.
@@ -496,16 +536,22 @@ pub fn plan(
         error,
     };
     let dofs = motion.initial_posture.len();
-    let (polynomial, confidence) = map.plan(dofs, target, seconds).map_err(refused)?;
-    let target = match nearest(map.targets.iter().copied(), target).first() {
-        Some(&(known, away)) if away > map.radius => {
-            let known = map.targets[known];
-            std::array::from_fn(|r| known[r] + (target[r] - known[r]) * map.radius / away)
+    let (polynomial, _) = map.plan(dofs, target, seconds).map_err(refused)?;
+    let targets = map.reaches.iter().map(|reach| reach.outset.target);
+    let (target, away) = match nearest(targets, target).first() {
+        Some(&(reach, away)) if away > map.radius => {
+            let known = map.reaches[reach].outset.target;
+            let within = map.radius / away;
+            let target = std::array::from_fn(|r| known[r] + (target[r] - known[r]) * within);
+            (target, away)
         }
-        _ => target,
+        near => (target, near.map_or(0.0, |&(_, away)| away)),
     };
 
-    let task = |motion: &LearnedMotion, target| Task {
+    let longest = map.reaches.iter().map(|reach| reach.outset.seconds);
+    let seconds = seconds.min(LONGEST * longest.fold(0.0, f64::max));
+    let frames = (seconds * synergies.rate_hz).round() as usize + 1;
+    let mut task = Task {
         name: motion.file.clone(),
         chain: synergies.chain_of(motion).clone(),
         initial: motion.initial_posture.clone(),
@@ -513,16 +559,7 @@ pub fn plan(
         reference: Vec::new(),
         misfit: 0.0,
     };
-    let known = synergies.motions.iter().map(|motion| {
-        let ticks = motion.frames.saturating_sub(1) as f64;
-        Outset::new(&task(motion, motion.target), ticks / synergies.rate_hz)
-    });
-    let known: Vec<Outset> = known.collect::<Result<_, _>>()?;
-    let longest = known.iter().map(|outset| outset.seconds);
-    let seconds = seconds.min(LONGEST * longest.fold(0.0, f64::max));
-    let frames = (seconds * synergies.rate_hz).round() as usize + 1;
-    let predictor = Predictor::new(&known.iter().zip(&map.paths).collect::<Vec<_>>());
-    let mut task = task(motion, target);
+    let predictor = Predictor::new(&map.reaches.iter().collect::<Vec<_>>());
     task.reference = predictor.predict(&Outset::new(&task, seconds)?, frames.max(2));
     let mut settings = synergies.settings(motion);
     settings.model = map.model;
@@ -533,13 +570,11 @@ pub fn plan(
         islands: 1,
         seed: synergies.seed,
     };
-    let near = nearest(known.iter().map(|outset| outset.target), target);
-    let near = near.iter().map(|&(other, _)| &synergies.motions[other]);
-    let near = near.filter(|other| other.model == map.model).take(STARTS);
-    let mut starts: Vec<&[f64]> = near.map(|other| other.parameters.as_slice()).collect();
+    let mut starts = starts(map.reaches.iter().collect(), target);
     starts.push(&polynomial);
     let found = follow(&problem, &[starts], &AtomicBool::new(false))?;
     let found = found.and_then(|found| found.into_iter().next());
+    let confidence = (1.0 - away / map.radius).max(0.0);
     Ok((found.unwrap_or(polynomial), confidence))
 }
 
@@ -570,25 +605,29 @@ mod tests {
         (0..frames).map(frame).collect()
     }
 
-    fn family() -> Vec<(Outset, Path)> {
+    /// With no parameters.
+    fn reach(outset: Outset, reference: &[Vec<Point>]) -> Reach {
+        Reach {
+            outset,
+            path: path(reference),
+            parameters: Vec::new(),
+        }
+    }
+
+    fn family() -> Vec<Reach> {
         let targets = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(|x| 0.1 * f64::from(x) + 0.2));
         let outsets = targets
             .enumerate()
             .map(|(k, at)| outset(at, 0.8 + 0.01 * (k % 5) as f64));
         let with_path = |outset: Outset| {
-            let path = path(&recorded(&outset, 61));
-            (outset, path)
+            let reference = recorded(&outset, 61);
+            reach(outset, &reference)
         };
         outsets.map(with_path).collect()
     }
 
-    fn predictor(family: &[(Outset, Path)]) -> Predictor {
-        Predictor::new(
-            &family
-                .iter()
-                .map(|(outset, path)| (outset, path))
-                .collect::<Vec<_>>(),
-        )
+    fn predictor(family: &[Reach]) -> Predictor {
+        Predictor::new(&family.iter().collect::<Vec<_>>())
     }
 
     #[test]
@@ -647,10 +686,10 @@ mod tests {
         };
         let known = (0..12).map(|k| outset([0.5, 0.2, -0.3], 0.4 + 0.05 * f64::from(k)));
         let known = known.map(|outset| {
-            let path = path(&arc(&outset, 61));
-            (outset, path)
+            let reference = arc(&outset, 61);
+            reach(outset, &reference)
         });
-        let known: Vec<(Outset, Path)> = known.collect();
+        let known: Vec<Reach> = known.collect();
         let found = predictor(&known).predict(&outset([0.5, 0.2, -0.3], 0.7), 121);
         let highest = found.iter().map(|points| points[2][2]);
         let highest = highest.fold(f64::NEG_INFINITY, f64::max);
@@ -659,10 +698,10 @@ mod tests {
 
     #[test]
     fn of_one_recording_the_path_is_its_own_that_leads_to_the_target() {
-        let (known, path) = family().remove(5);
-        let predictor = Predictor::new(&[(&known, &path)]);
-        let again = predictor.predict(&known, MOMENTS);
-        for (point, again) in path.iter().flatten().zip(again.iter().flatten()) {
+        let known = family().remove(5);
+        let predictor = Predictor::new(&[&known]);
+        let again = predictor.predict(&known.outset, MOMENTS);
+        for (point, again) in known.path.iter().flatten().zip(again.iter().flatten()) {
             assert!(distance(*point, *again) < 1e-3);
         }
         let other = outset([0.3, -0.2, 0.1], 2.0);
@@ -673,8 +712,8 @@ mod tests {
     #[test]
     fn whatever_is_asked_and_known_what_is_predicted_is_finite() {
         let family = family();
-        let twice = [(&family[0].0, &family[0].1), (&family[0].0, &family[0].1)];
-        let all: Vec<(&Outset, &Path)> = family.iter().map(|(o, p)| (o, p)).collect();
+        let twice = [&family[0], &family[0]];
+        let all: Vec<&Reach> = family.iter().collect();
         for known in [&all[..], &twice, &all[..2]] {
             let predictor = Predictor::new(known);
             for seconds in [1e-9, 0.8, 1e9] {
@@ -713,7 +752,12 @@ mod tests {
     fn reaches_made_up_around_recorded_ones_know_of_these_alone() {
         let (kept, left_out) = ([0, 1, 3, 4], 2);
         let problem = shipped(0..5);
-        let made = around(&problem, &kept).unwrap();
+        let own = vec![Vec::new(); 5];
+        let around = |problem: &Problem, others: &[Reach]| {
+            let own = &reaches(problem, &own).unwrap()[..];
+            super::around(problem, Known { own, others }, &kept).unwrap()
+        };
+        let made = around(&problem, &[]);
         let each = 1 + AROUND as usize;
         assert_eq!(made.tasks.len(), kept.len() * each);
         assert_eq!(made.sets.len(), made.tasks.len());
@@ -738,9 +782,12 @@ mod tests {
 
         let mut other = problem.clone();
         other.tasks[left_out].reference.reverse();
-        assert_eq!(around(&other, &kept).unwrap().tasks, made.tasks);
+        assert_eq!(around(&other, &[]).tasks, made.tasks);
         other.tasks[kept[1]].reference.truncate(20);
-        assert_ne!(around(&other, &kept).unwrap().tasks, made.tasks);
+        assert_ne!(around(&other, &[]).tasks, made.tasks);
+        // Other people's are known in any case.
+        let others = reaches(&shipped(5..7), &vec![Vec::new(); 2]).unwrap();
+        assert_ne!(around(&problem, &others).tasks, made.tasks);
     }
 
     #[test]

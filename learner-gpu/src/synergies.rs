@@ -9,7 +9,7 @@ use crate::kernel::score::Ready;
 use crate::map::LearnedMap;
 use crate::motion::Point;
 use crate::output;
-use crate::predict::MOMENTS;
+use crate::predict::{MOMENTS, Outset};
 use crate::problem::{MOST_DOFS, ModelKind, Settings, StepperKind, with_dofs};
 use crate::task::{Task, TaskError, reference};
 
@@ -232,36 +232,48 @@ impl Synergies {
         }
     }
 
-    /// A map that plans, and with paths one for each motion.
+    /// A map that plans, and with reaches such as these chains make.
     fn check_map(&self, map: &LearnedMap) -> Result<(), String> {
         let dofs = self.chain.joints.len();
         let plan = map.plan(dofs, [0.0; 3], 1.0);
         plan.map_err(|error| error.to_string())?;
-        if map.paths.is_empty() {
-            return Ok(());
-        }
         let points = self.chain.landmarks.len() + 1;
-        let sizes = |motion: &LearnedMotion| {
+        let other = |motion: &LearnedMotion| {
             let chain = self.chain_of(motion);
-            (chain.joints.len(), chain.landmarks.len() + 1)
+            (chain.joints.len(), chain.landmarks.len() + 1) != (dofs, points)
         };
-        let motions = self.motions.len();
-        if map.paths.len() != motions || self.motions.iter().any(|m| sizes(m) != (dofs, points)) {
-            return Err(format!(
-                "paths: {} for {motions} motions, expected one each, of chains of one size",
-                map.paths.len()
-            ));
+        if !map.reaches.is_empty() && self.motions.iter().any(other) {
+            return Err("with reaches, expected chains of one size".to_owned());
         }
-        for (index, path) in map.paths.iter().enumerate() {
-            if path.len() != MOMENTS || path.iter().any(|moment| moment.len() != points) {
+        let parameters = sinew::synergy::Model::from(map.model).parameters(dofs);
+        for (index, reach) in map.reaches.iter().enumerate() {
+            let Outset {
+                start,
+                target,
+                seconds,
+            } = &reach.outset;
+            let moments = || reach.path.iter().chain([start]);
+            if reach.path.len() != MOMENTS || moments().any(|moment| moment.len() != points) {
                 return Err(format!(
-                    "path {index}: expected {MOMENTS} moments of {points} points"
+                    "reach {index}: expected a start and {MOMENTS} moments of {points} points"
+                ));
+            }
+            if reach.parameters.len() != parameters {
+                let found = reach.parameters.len();
+                return Err(format!(
+                    "reach {index} has {found} parameters, expected {parameters}"
+                ));
+            }
+            if !(*seconds > 0.0 && *seconds < 1e6) {
+                return Err(format!(
+                    "reach {index} takes {seconds} s, expected above 0 and below 1e6"
                 ));
             }
             let far = |x: &&f64| x.abs() > sinew::chain::MOST_LENGTH;
-            if let Some(x) = path.iter().flatten().flatten().find(far) {
+            let points = moments().flatten().chain([target]);
+            if let Some(x) = points.flatten().find(far) {
                 return Err(format!(
-                    "path {index} has {x}, expected metres within 10 km"
+                    "reach {index} has {x}, expected metres within 10 km"
                 ));
             }
         }

@@ -175,13 +175,18 @@ fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     let written = std::fs::read_to_string(folder.path().join("transfer.csv")).unwrap();
     let rows: Vec<&str> = written.lines().collect();
-    assert_eq!(rows[0], "reaches,adapted_cm,affine_cm,constant_cm");
+    assert_eq!(
+        rows[0],
+        "reaches,predicted_cm,adapted_cm,predicted_alone_cm,affine_cm,constant_cm"
+    );
     assert_eq!(rows.len(), 1 + 3);
     let cm = |row: usize, column: usize| -> f64 {
         rows[row].split(',').nth(column).unwrap().parse().unwrap()
     };
-    // The same person's own map serves the person better than one or two reaches do.
-    assert!(cm(2, 1) < cm(2, 2) && cm(2, 1) < cm(2, 3), "{written}");
+    // The same person's own map serves the person better than one or two reaches do, and predicted paths best.
+    assert!(cm(2, 2) < cm(2, 4) && cm(2, 2) < cm(2, 5), "{written}");
+    assert!(cm(1, 1) < cm(1, 2) && cm(2, 1) < cm(2, 2), "{written}");
+    assert!(cm(3, 1) < cm(3, 3), "{written}");
 
     let refused = transfer("transpose");
     assert_eq!(refused.status.code(), Some(2));
@@ -311,37 +316,52 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
     broken["map"]["radius"] = Value::from(-1.0);
     std::fs::write(&path, broken.to_string()).unwrap();
     refused(&synthesize("0.1,0.3,0"), &["synergies.json", "map"]);
-    let with_paths = |paths: &Value| {
+    let with_reaches = |reaches: &Value| {
         let mut other = written.clone();
-        other["map"]["paths"] = paths.clone();
+        other["map"]["reaches"] = reaches.clone();
         std::fs::write(&path, other.to_string()).unwrap();
         synthesize("0.1,0.3,0")
     };
-    let change = |change: fn(&mut Vec<Value>)| {
-        let mut paths = map["paths"].clone();
-        change(paths.as_array_mut().unwrap());
-        with_paths(&paths)
-    };
-    refused(&change(|paths| drop(paths.pop())), &["paths", "one each"]);
-    refused(
-        &change(|paths| drop(paths[2].as_array_mut().unwrap().pop())),
-        &["path 2", "16 moments"],
-    );
-    refused(
-        &change(|paths| paths[1][3][0][2] = Value::from(1e9)),
-        &["path 1", "metres"],
-    );
-    // Without paths it is the map that serves, as with files from before there were any.
-    let without = with_paths(&Value::Array(Vec::new()));
+    for (spoil, words) in [
+        (
+            (|reach| drop(reach["path"].as_array_mut().unwrap().pop())) as fn(&mut Value),
+            "16 moments",
+        ),
+        (
+            |reach| drop(reach["start"].as_array_mut().unwrap().pop()),
+            "a start",
+        ),
+        (
+            |reach| drop(reach["parameters"].as_array_mut().unwrap().pop()),
+            "parameters, expected 9",
+        ),
+        (|reach| reach["seconds"] = Value::from(0.0), "takes 0 s"),
+        (|reach| reach["path"][3][0][2] = Value::from(1e9), "metres"),
+        (|reach| reach["target"][0] = Value::from(-1e9), "metres"),
+    ] {
+        let mut reaches = map["reaches"].clone();
+        spoil(&mut reaches[2]);
+        refused(&with_reaches(&reaches), &["reach 2", words]);
+    }
+    // Without reaches it is the map that serves, as with files from before there were any.
+    let without = with_reaches(&Value::Array(Vec::new()));
     assert!(text(&without.stdout).contains("a synergy of the map"));
 
     // Of one reach none can be left out, and nothing is predicted.
-    assert!(
-        learn(folder.path(), &["--map", csv.to_str().unwrap()])
-            .status
-            .success()
-    );
-    assert!(json(&path)["map"].get("paths").is_none());
+    let one = csv.to_str().unwrap();
+    assert!(learn(folder.path(), &["--map", one]).status.success());
+    assert!(json(&path)["map"].get("reaches").is_none());
+    // But with another's map it is, from the other's reaches and the one.
+    let known = folder.path().join("known.json");
+    std::fs::write(&known, written.to_string()).unwrap();
+    let known = ["--known", known.to_str().unwrap()];
+    let few = ["--map", "--stepper", "pseudo-inverse", one];
+    let adapted = learn(folder.path(), &[&few[..], &known].concat());
+    assert!(adapted.status.success(), "{}", text(&adapted.stderr));
+    let reaches = json(&path)["map"]["reaches"].as_array().unwrap().len();
+    assert_eq!(reaches, 1 + map["reaches"].as_array().unwrap().len());
+    let near = synthesize(&middle.join(","));
+    assert!(text(&near.stdout).contains("learned for a predicted path"));
 }
 
 #[test]

@@ -217,7 +217,14 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
     let out = Out::new("transfer", arguments.out.as_deref(), &files)?;
     let stop = search::stop()?;
     let tell = |words: &str| super::tell!("learning from {words}");
-    let rows = map::transfer(&problem, &known, arguments.most, &stop, tell);
+    let rows = map::transfer(
+        &problem,
+        &known,
+        arguments.most,
+        options.generations,
+        &stop,
+        tell,
+    );
     let Some(rows) = rows.map_err(Failure::run)? else {
         super::tell!("stopped; nothing is written");
         return Ok(ExitCode::from(130));
@@ -225,19 +232,21 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
     out.transfer(&settings, &rows)?;
     let headings = [
         "reaches",
+        "known, predicted",
         "known, adapted",
+        "predicted alone",
         "affine alone",
         "one vector alone",
     ];
     let mut cells = vec![headings.map(str::to_owned).to_vec()];
     for row in &rows {
-        let alone = |k: usize| {
-            row.alone_cm
-                .map_or(String::new(), |cm| format!("{:.3}", cm[k]))
-        };
+        let cm = |cm: Option<f64>| cm.map_or(String::new(), |cm| format!("{cm:.3}"));
+        let alone = |k: usize| cm(row.alone_cm.map(|cm| cm[k]));
         cells.push(vec![
             row.reaches.to_string(),
-            format!("{:.3}", row.adapted_cm),
+            cm(row.predicted_cm),
+            cm(Some(row.adapted_cm)),
+            alone(2),
             alone(1),
             alone(0),
         ]);
@@ -613,11 +622,13 @@ impl<'a> Out<'a> {
     /// The files of a transfer.
     fn transfer(&self, settings: &Settings, rows: &[map::Transfer]) -> Result<(), Failure> {
         let cells = rows.iter().map(|row| {
-            let alone = |k: usize| row.alone_cm.map_or(String::new(), |cm| cm[k].to_string());
-            let adapted = row.adapted_cm.to_string();
-            vec![row.reaches.to_string(), adapted, alone(1), alone(0)]
+            let cm = |cm: Option<f64>| cm.map_or(String::new(), |cm| cm.to_string());
+            let alone = |k: usize| cm(row.alone_cm.map(|cm| cm[k]));
+            let (predicted, adapted) = (cm(row.predicted_cm), cm(Some(row.adapted_cm)));
+            let reaches = row.reaches.to_string();
+            vec![reaches, predicted, adapted, alone(2), alone(1), alone(0)]
         });
-        let names = "reaches,adapted_cm,affine_cm,constant_cm";
+        let names = "reaches,predicted_cm,adapted_cm,predicted_alone_cm,affine_cm,constant_cm";
         self.csv("transfer.csv", names, cells.collect())?;
         #[derive(Serialize)]
         struct Results<'a> {

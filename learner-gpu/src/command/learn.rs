@@ -30,7 +30,8 @@ pub struct Arguments {
     /// Learn also a map from targets to parameters, for targets that no recording has, and try it on reaches left out
     #[arg(long, conflicts_with = "joint")]
     map: bool,
-    /// Another person's synergies with a map, to be adapted to these recordings: fewer of them will do
+    /// Another person's synergies with a map: paths are predicted from the other's reaches, too, and the map is adapted
+    /// to these recordings, of which fewer will do
     #[arg(long, value_name = "SYNERGIES.json", requires = "map")]
     known: Option<PathBuf>,
     #[command(flatten)]
@@ -175,7 +176,7 @@ fn trials(learned: &map::LearnedMap) -> String {
         map::NEAR * 100.0,
         learned.kept,
         learned.radius * 100.0,
-        match learned.paths.is_empty() {
+        match learned.reaches.is_empty() {
             true => "",
             false => "; the host learns for a predicted path, which does better",
         },

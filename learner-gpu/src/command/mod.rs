@@ -167,7 +167,7 @@ pub fn planned(
     let seconds = seconds.unwrap_or(usual(synergies, motion));
     let wrong =
         |error: &dyn fmt::Display| Failure::input(format!("{}: map: {error}", file.display()));
-    let ((parameters, confidence), what) = match map.paths.is_empty() {
+    let ((parameters, confidence), what) = match map.reaches.is_empty() {
         true => {
             let dofs = motion.initial_posture.len();
             let planned = map.plan(dofs, target, seconds).map_err(|e| wrong(&e))?;

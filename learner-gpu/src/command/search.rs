@@ -223,7 +223,13 @@ pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> 
     let dofs = problem.dofs();
     map.plan(dofs, [0.0; 3], 1.0)
         .map_err(|error| wrong(format!("its map is not one for {dofs} DoFs: {error}")))?;
-    Ok(map)
+    let expected = task.map_or(0, |task| task.chain.landmarks.len() + 1);
+    match map.reaches.first().map(|reach| reach.outset.start.len()) {
+        Some(found) if found != expected => Err(wrong(format!(
+            "its reaches have {found} landmarks, expected {expected}"
+        ))),
+        _ => Ok(map),
+    }
 }
 
 /// Whether results of these names can be put in a folder, asked before a search and not after it. The folder is made
