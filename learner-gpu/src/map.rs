@@ -226,7 +226,7 @@ pub fn learn(
     ];
     let mut candidates: Vec<Candidate> = Vec::new();
     // Fits that begin with some weights, and how they do.
-    let mut attempt = |kind: &Kind, name: String, degree: Degree, from: &mut Weights| {
+    let mut attempt = |fit: &Fit, to: &Paths, name: String, degree: Degree, from: &mut Weights| {
         if stop.load(Ordering::Relaxed) {
             return Ok(());
         }
@@ -234,17 +234,14 @@ pub fn learn(
         let wider =
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
         let parts = folds.par_iter().zip(&from.parts);
-        let parts = parts.map(|((_, kept), part)| {
-            kind.with(&fit, problem, seen, kept, |fit, kept| {
-                fit.descend(wider(part), kept)
-            })
-        });
+        let parts = parts
+            .map(|((_, kept), part)| fit.to(to, kept, |fit, kept| fit.descend(wider(part), kept)));
         let parts: Vec<DMatrix<f64>> = parts.collect::<Result<_, TaskError>>()?;
         if stop.load(Ordering::Relaxed) {
             return Ok(());
         }
         // Fits end in different valleys: that to all goes on from the best of the folds' if that is better.
-        from.whole = kind.with(&fit, problem, seen, &all, |fit, all| {
+        from.whole = fit.to(to, &all, |fit, all| {
             let whole = fit.descend(wider(&from.whole), all);
             let others = parts.iter().map(|part| (fit.cost(part, all), part));
             match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -264,19 +261,20 @@ pub fn learn(
             trial: trial(problem, &landscape, name, &fitted, &scored)?,
             degree,
             weights: from.whole.clone(),
-            adapted: matches!(kind, Kind::Adapted(_)),
+            adapted: fit.known.is_some(),
         });
         Ok::<(), TaskError>(())
     };
     if let Some(known) = known {
         let weights = weights(problem, known);
+        let with = fit.drawn_to(weights.clone());
         let degree = known.degree.max(Degree::Affine);
         let mut from = Weights {
             parts: vec![weights.clone(); folds.len()],
-            whole: weights.clone(),
+            whole: weights,
         };
         let name = "another's map, adapted".to_owned();
-        attempt(&Kind::Adapted(weights), name, degree, &mut from)?;
+        attempt(&with, &Paths::Recorded, name, degree, &mut from)?;
     }
     // Each degree's fits go on from those of the degree before.
     let mut from = Weights {
@@ -291,14 +289,10 @@ pub fn learn(
         }
         let name = format!("{degree:?} map").to_lowercase();
         let name_predicted = format!("{name} for predicted paths");
-        attempt(&Kind::Recorded, name, degree, &mut from)?;
+        attempt(&fit, &Paths::Recorded, name, degree, &mut from)?;
         if !folds.is_empty() {
-            attempt(
-                &Kind::Predicted,
-                name_predicted,
-                degree,
-                &mut from_predicted,
-            )?;
+            let (paths, from) = (Paths::Predicted { problem, seen }, &mut from_predicted);
+            attempt(&fit, &paths, name_predicted, degree, from)?;
         }
     }
     if stop.load(Ordering::Relaxed) {
@@ -321,11 +315,10 @@ pub fn learn(
         return Ok(None);
     };
     // Where another's map serves best, these recordings alone say nothing of a path; the other's may.
-    let reaches = match (predicted.left_out_cm, kept.left_out_cm) {
+    let predicts = match (predicted.left_out_cm, kept.left_out_cm) {
         (Some(predicted), Some(kept)) => predicted < kept && !(adapted && others.is_empty()),
         _ => !others.is_empty(),
-    }
-    .then(|| [&reaches[..], others].concat());
+    };
     let own = problem.tasks.iter().map(|task| task.target);
     let mut targets = spread_out(own.collect());
     let mut radius = gap(problem, &folds).max(NEAR);
@@ -356,49 +349,22 @@ pub fn learn(
         radius,
         trials,
         kept: kept.name,
-        reaches: reaches.unwrap_or_default(),
+        reaches: match predicts {
+            true => [&reaches[..], others].concat(),
+            false => Vec::new(),
+        },
     }))
 }
 
 /// What a map is fitted to.
-enum Kind {
+enum Paths<'a> {
     /// The recordings.
     Recorded,
     /// The paths predicted from them.
-    Predicted,
-    /// The recordings, from another person's coefficients.
-    Adapted(DMatrix<f64>),
-}
-
-impl Kind {
-    /// Calls `with` with a fit to some reaches, and their numbers there; `fit` is that to the recordings.
-    ///
-    /// # Errors
-    /// A task that the core refuses.
-    fn with<R>(
-        &self,
-        fit: &Fit<'_>,
-        problem: &Problem,
-        seen: Known<'_>,
-        reaches: &[usize],
-        with: impl FnOnce(&Fit<'_>, &[usize]) -> R,
-    ) -> Result<R, TaskError> {
-        Ok(match self {
-            Kind::Recorded => with(fit, reaches),
-            Kind::Adapted(known) => with(&fit.drawn_to(known.clone()), reaches),
-            // What is stopped needs no ground to be made ready.
-            Kind::Predicted if fit.stop.load(Ordering::Relaxed) => with(fit, reaches),
-            Kind::Predicted => {
-                let made = predict::around(problem, seen, reaches)?;
-                let landscape = Landscape::arriving(&made, ARRIVAL)?;
-                let all: Vec<usize> = (0..made.tasks.len()).collect();
-                with(
-                    &Fit::new(&made, &landscape, (fit.centre, fit.scale), fit.stop),
-                    &all,
-                )
-            }
-        })
-    }
+    Predicted {
+        problem: &'a Problem,
+        seen: Known<'a>,
+    },
 }
 
 /// A fitted map, and how it does.
@@ -451,11 +417,24 @@ fn one_vector(
         islands: 1,
         ..problem.clone()
     };
-    let mut search = Search::new(&jointly);
-    let generations = ROUNDS * GENERATIONS_A_ROUND;
-    search.run(&jointly, &mut Backend::Cpu, generations, stop, None, |_| {})?;
-    let winner = search.winners(&jointly)?.into_iter().next();
-    Ok(winner.map(|one| DMatrix::from_vec(problem.genes(), 1, shares(problem, &one.parameters))))
+    let found = searched(&jointly, ROUNDS * GENERATIONS_A_ROUND, stop)?;
+    let one = found.and_then(|found| found.into_iter().next());
+    Ok(one.map(|one| DMatrix::from_vec(problem.genes(), 1, shares(problem, &one))))
+}
+
+/// The best parameters of each set, by the population. None where `stop` was set meanwhile.
+fn searched(
+    problem: &Problem,
+    generations: u32,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
+    let mut search = Search::new(problem);
+    let ended = search.run(problem, &mut Backend::Cpu, generations, stop, None, |_| {})?;
+    if ended == Ended::Stopped {
+        return Ok(None);
+    }
+    let winners = search.winners(problem)?.into_iter();
+    Ok(Some(winners.map(|winner| winner.parameters).collect()))
 }
 
 /// What so many of a person's reaches are good for, with another person's map and without: mean distances of the reaches
@@ -470,6 +449,16 @@ pub struct Transfer {
     pub adapted_cm: f64,
     /// From them alone: one vector, an affine map, and learned for predicted paths.
     pub alone_cm: Option<[f64; 3]>,
+}
+
+impl Transfer {
+    /// The distances in the order of a table's columns: with the other person's, predicted and adapted, then alone,
+    /// predicted, affine and one vector.
+    pub fn columns(&self) -> [Option<f64>; 5] {
+        let [one, affine, predicted] = self.alone_cm.map_or([None; 3], |cm| cm.map(Some));
+        let adapted = Some(self.adapted_cm);
+        [self.predicted_cm, adapted, predicted, affine, one]
+    }
 }
 
 /// Times that reaches are chosen to learn from.
@@ -498,13 +487,9 @@ pub fn transfer(
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
     tell("each reach by itself");
-    let mut search = Search::new(problem);
-    let ended = search.run(problem, &mut Backend::Cpu, generations, stop, None, |_| {})?;
-    if ended == Ended::Stopped {
+    let Some(own) = searched(problem, generations, stop)? else {
         return Ok(None);
-    }
-    let own = search.winners(problem)?.into_iter();
-    let own: Vec<Vec<f64>> = own.map(|winner| winner.parameters).collect();
+    };
     let reaches = predict::reaches(problem, &own)?;
     // The mean distance of what is predicted for the reaches left out of each choice.
     let predicted = |folds: &[Fold], others: &[predict::Reach]| {
@@ -512,8 +497,12 @@ pub fn transfer(
             own: &reaches,
             others,
         };
-        let trial = predicted(problem, &landscape, seen, folds, stop)?;
-        Ok::<_, TaskError>(trial.and_then(|trial| trial.left_out_cm))
+        let points = predicted_points(problem, seen, folds, stop)?;
+        Ok::<_, TaskError>(points.map(|points| 100.0 * mean(&landscape, &points)))
+    };
+    let with_others = |folds: &[Fold]| match known.reaches.is_empty() {
+        true => Ok(None),
+        false => predicted(folds, &known.reaches),
     };
     // A choice is a shuffle by draws, of which the first reaches are used.
     let folds = |used: usize| -> Vec<Fold> {
@@ -527,10 +516,7 @@ pub fn transfer(
     };
     let mut out = vec![Transfer {
         reaches: 0,
-        predicted_cm: match known.reaches.is_empty() {
-            true => None,
-            false => predicted(&folds(0)[..1], &known.reaches)?,
-        },
+        predicted_cm: with_others(&folds(0)[..1])?,
         adapted_cm: 100.0 * with.mean(&weights, &all),
         alone_cm: None,
     }];
@@ -539,10 +525,7 @@ pub fn transfer(
         let folds = folds(used);
         let mut row = Transfer {
             reaches: used,
-            predicted_cm: match known.reaches.is_empty() {
-                true => None,
-                false => predicted(&folds, &known.reaches)?,
-            },
+            predicted_cm: with_others(&folds)?,
             adapted_cm: 0.0,
             alone_cm: predicted(&folds, &[])?.map(|cm| [0.0, 0.0, cm]),
         };
@@ -583,8 +566,7 @@ fn weights(problem: &Problem, map: &LearnedMap) -> DMatrix<f64> {
 /// What a map looks at.
 fn inputs(problem: &Problem, task: &Task) -> [f64; INPUTS] {
     let [x, y, z] = task.target;
-    let ticks = task.reference.len().saturating_sub(1);
-    [x, y, z, ticks as f64 * problem.settings.dt()]
+    [x, y, z, problem.seconds(task)]
 }
 
 /// Mean and standard deviation of each input; 1 where an input is always the same.
@@ -616,6 +598,9 @@ fn counted(score: f32) -> f64 {
     let score = f64::from(score);
     score.min(FAR) + 0.2 * (score - FAR).max(0.0)
 }
+
+/// A reach, and parameters that are tried on it, as shares of their bounds.
+type Tried = (usize, Vec<f32>);
 
 /// A group of reaches that is left out, and the reaches that are kept: those far from all of the group's targets.
 type Fold = (Vec<usize>, Vec<usize>);
@@ -679,8 +664,8 @@ fn neighbours(
         }
         (!others.is_empty()).then(|| (reach, point(&sum)))
     };
-    let fitted: Vec<(usize, Vec<f32>)> = (0..count).map(|m| (m, point(&own[m]))).collect();
-    let scored: Vec<(usize, Vec<f32>)> = (0..count).filter_map(between).collect();
+    let fitted: Vec<Tried> = (0..count).map(|m| (m, point(&own[m]))).collect();
+    let scored: Vec<Tried> = (0..count).filter_map(between).collect();
     let name = match most {
         1 => "nearest learned target".to_owned(),
         _ => format!("between {most} nearest"),
@@ -688,7 +673,7 @@ fn neighbours(
     trial(problem, landscape, name, &fitted, &scored)
 }
 
-/// Parameters learned for paths predicted from the other reaches.
+/// How parameters do that are learned for paths predicted from the other reaches.
 fn predicted(
     problem: &Problem,
     landscape: &Landscape<'_>,
@@ -696,15 +681,7 @@ fn predicted(
     folds: &[Fold],
     stop: &AtomicBool,
 ) -> Result<Option<Trial>, TaskError> {
-    let points = |folds: &[Fold]| -> Result<_, TaskError> {
-        let found = predict::left_out(problem, seen, folds, stop)?;
-        let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
-        let point = |(reach, parameters): (usize, Vec<f64>)| {
-            let shares = shares(problem, &parameters);
-            (reach, shares.iter().map(|&share| share as f32).collect())
-        };
-        Ok(found.map(|found| reaches.zip(found).map(point).collect::<Vec<_>>()))
-    };
+    let points = |folds: &[Fold]| predicted_points(problem, seen, folds, stop);
     let all: Vec<usize> = (0..problem.tasks.len()).collect();
     let (Some(fitted), Some(scored)) = (points(&[(all.clone(), all)])?, points(folds)?) else {
         return Ok(None);
@@ -712,13 +689,29 @@ fn predicted(
     trial(problem, landscape, PREDICTED.to_owned(), &fitted, &scored).map(Some)
 }
 
+/// These parameters, for the reaches that each fold leaves out.
+fn predicted_points(
+    problem: &Problem,
+    seen: Known<'_>,
+    folds: &[Fold],
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Tried>>, TaskError> {
+    let found = predict::left_out(problem, seen, folds, stop)?;
+    let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
+    let point = |(reach, parameters): (usize, Vec<f64>)| {
+        let shares = shares(problem, &parameters);
+        (reach, shares.iter().map(|&share| share as f32).collect())
+    };
+    Ok(found.map(|found| reaches.zip(found).map(point).collect()))
+}
+
 /// How a way does: the points of all reaches as they were learned, and of those left out.
 fn trial(
     problem: &Problem,
     landscape: &Landscape<'_>,
     name: String,
-    fitted: &[(usize, Vec<f32>)],
-    scored: &[(usize, Vec<f32>)],
+    fitted: &[Tried],
+    scored: &[Tried],
 ) -> Result<Trial, TaskError> {
     let bounds = problem.settings.bounds(problem.dofs());
     let mut arrived = 0;
@@ -748,7 +741,7 @@ fn trial(
 }
 
 /// The mean distance at some points, metres.
-fn mean(landscape: &Landscape<'_>, points: &[(usize, Vec<f32>)]) -> f64 {
+fn mean(landscape: &Landscape<'_>, points: &[Tried]) -> f64 {
     let scores = landscape.scores_at(points);
     let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
     sum / points.len().max(1) as f64
@@ -804,13 +797,36 @@ impl<'a> Fit<'a> {
         }
     }
 
+    /// Calls `with` with this fit to some reaches, or one to the paths predicted from these, and with their numbers there.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    fn to<R>(
+        &self,
+        paths: &Paths<'_>,
+        reaches: &[usize],
+        with: impl FnOnce(&Fit<'_>, &[usize]) -> R,
+    ) -> Result<R, TaskError> {
+        match paths {
+            // What is stopped needs no ground to be made ready.
+            Paths::Predicted { problem, seen } if !self.stop.load(Ordering::Relaxed) => {
+                let made = predict::around(problem, *seen, reaches);
+                let landscape = Landscape::arriving(&made, ARRIVAL)?;
+                let all: Vec<usize> = (0..made.tasks.len()).collect();
+                let fit = Fit::new(&made, &landscape, (self.centre, self.scale), self.stop);
+                Ok(with(&fit, &all))
+            }
+            _ => Ok(with(self, reaches)),
+        }
+    }
+
     /// For each fold a vector for the reaches that it keeps, which has seen no other: the best of their own vectors that
     /// serve them all best, descended from.
     fn beginnings(&self, problem: &Problem, own: &[Vec<f64>], folds: &[Fold]) -> Vec<DMatrix<f64>> {
         let count = problem.tasks.len();
         let vectors: Vec<Vec<f64>> = own.iter().map(|own| shares(problem, own)).collect();
         let pairs = (0..count).flat_map(|reach| (0..count).map(move |vector| (vector, reach)));
-        let asked: Vec<(usize, Vec<f32>)> = pairs
+        let asked: Vec<Tried> = pairs
             .map(|(vector, reach)| {
                 let point = vectors[vector].iter().map(|&share| share as f32);
                 (reach, point.collect())
@@ -855,7 +871,7 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    fn points(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Vec<(usize, Vec<f32>)> {
+    fn points(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> Vec<Tried> {
         let point = |&reach: &usize| (reach, self.at(weights, reach));
         reaches.iter().map(point).collect()
     }

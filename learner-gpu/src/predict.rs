@@ -400,7 +400,7 @@ fn nearest(targets: impl Iterator<Item = Point>, to: Point) -> Vec<(usize, f64)>
 pub fn reaches(problem: &Problem, own: &[Vec<f64>]) -> Result<Vec<Reach>, TaskError> {
     let reach = |(task, parameters): (&Task, &Vec<f64>)| {
         Ok(Reach {
-            outset: Outset::new(task, seconds(problem, task))?,
+            outset: Outset::new(task, problem.seconds(task))?,
             path: path(&task.reference),
             parameters: parameters.clone(),
         })
@@ -408,9 +408,9 @@ pub fn reaches(problem: &Problem, own: &[Vec<f64>]) -> Result<Vec<Reach>, TaskEr
     problem.tasks.iter().zip(own).map(reach).collect()
 }
 
-/// How long a reach takes.
-fn seconds(problem: &Problem, task: &Task) -> f64 {
-    task.reference.len().saturating_sub(1) as f64 * problem.settings.dt()
+/// How many frames a predicted path has.
+fn frames(seconds: f64, rate_hz: f64) -> usize {
+    ((seconds * rate_hz).round() as usize + 1).max(2)
 }
 
 /// What paths are predicted from: a problem's reaches, and those of other people.
@@ -425,24 +425,20 @@ pub struct Known<'a> {
 impl<'a> Known<'a> {
     /// The others', and those of its own that are kept.
     fn kept(self, kept: &[usize]) -> Vec<&'a Reach> {
-        let own = kept.iter().filter_map(|&reach| self.own.get(reach));
+        let own = kept.iter().map(|&reach| &self.own[reach]);
         own.chain(self.others).collect()
     }
 }
 
 /// Some of a problem's reaches, and more made up around each, with the paths that are predicted from these alone and from
 /// other people's.
-///
-/// # Errors
-/// A task that the core refuses.
-pub fn around(problem: &Problem, known: Known<'_>, kept: &[usize]) -> Result<Problem, TaskError> {
+pub fn around(problem: &Problem, known: Known<'_>, kept: &[usize]) -> Problem {
     let predictor = Predictor::new(&known.kept(kept));
     let mut tasks = Vec::new();
     for &reach in kept {
         let task = &problem.tasks[reach];
-        let seconds = seconds(problem, task);
-        let outset = Outset::new(task, seconds)?;
-        let reference = predictor.predict(&outset, task.reference.len());
+        let outset = &known.own[reach].outset;
+        let reference = predictor.predict(outset, task.reference.len());
         tasks.push(Task {
             reference,
             ..task.clone()
@@ -456,25 +452,25 @@ pub fn around(problem: &Problem, known: Known<'_>, kept: &[usize]) -> Result<Pro
             let [most, far] = [task.target, target].map(|to| distance(to, [0.0; 3]));
             let within = if far > most { most / far } else { 1.0 };
             let target = target.map(|x| x * within);
-            let seconds = seconds * (PACES * by[3]).exp();
-            let mut made = Task {
+            let seconds = outset.seconds * (PACES * by[3]).exp();
+            let outset = Outset {
                 target,
-                ..task.clone()
+                seconds,
+                ..outset.clone()
             };
-            let frames = (seconds * problem.settings.rate_hz).round() as usize + 1;
-            made.reference = predictor.predict(&Outset::new(&made, seconds)?, frames.max(2));
-            tasks.push(made);
+            let frames = frames(seconds, problem.settings.rate_hz);
+            tasks.push(Task {
+                target,
+                reference: predictor.predict(&outset, frames),
+                ..task.clone()
+            });
         }
     }
-    Ok(Problem {
-        sets: (0..tasks.len()).map(|set| vec![set]).collect(),
-        tasks,
-        ..problem.clone()
-    })
+    problem.each_of(tasks)
 }
 
 /// The parameters of those of some reaches whose targets are nearest to another: where descents begin.
-fn starts(reaches: Vec<&Reach>, to: Point) -> Vec<&[f64]> {
+fn starts<'a>(reaches: &[&'a Reach], to: Point) -> Vec<&'a [f64]> {
     let targets = reaches.iter().map(|reach| reach.outset.target);
     let near = nearest(targets, to).into_iter().take(STARTS);
     near.map(|(reach, _)| reaches[reach].parameters.as_slice())
@@ -493,29 +489,24 @@ pub fn left_out(
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<f64>>>, TaskError> {
     let found = folds.par_iter().map(|(left_out, kept)| {
-        let predictor = Predictor::new(&known.kept(kept));
+        let kept = known.kept(kept);
+        let predictor = Predictor::new(&kept);
         let predicted = |&reach: &usize| {
             let task = &problem.tasks[reach];
-            let outset = Outset::new(task, seconds(problem, task))?;
             let asked = Task {
-                reference: predictor.predict(&outset, task.reference.len()),
+                reference: predictor.predict(&known.own[reach].outset, task.reference.len()),
                 ..task.clone()
             };
-            Ok((asked, starts(known.kept(kept), task.target)))
+            (asked, starts(&kept, task.target))
         };
-        let each = left_out.iter().map(predicted);
-        each.collect::<Result<Vec<_>, TaskError>>()
+        left_out.iter().map(predicted).collect::<Vec<_>>()
     });
-    let found: Vec<Vec<_>> = found.collect::<Result<_, TaskError>>()?;
-    let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().flatten().unzip();
+    let found: Vec<(Task, Vec<&[f64]>)> = found.flatten_iter().collect();
+    let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().unzip();
     if tasks.is_empty() {
         return Ok(Some(Vec::new()));
     }
-    let asked = Problem {
-        sets: (0..tasks.len()).map(|set| vec![set]).collect(),
-        tasks,
-        ..problem.clone()
-    };
+    let asked = problem.each_of(tasks);
     follow(&asked, &starts, stop)
 }
 
@@ -537,10 +528,11 @@ pub fn plan(
     };
     let dofs = motion.initial_posture.len();
     let (polynomial, _) = map.plan(dofs, target, seconds).map_err(refused)?;
-    let targets = map.reaches.iter().map(|reach| reach.outset.target);
+    let reaches: Vec<&Reach> = map.reaches.iter().collect();
+    let targets = reaches.iter().map(|reach| reach.outset.target);
     let (target, away) = match nearest(targets, target).first() {
         Some(&(reach, away)) if away > map.radius => {
-            let known = map.reaches[reach].outset.target;
+            let known = reaches[reach].outset.target;
             let within = map.radius / away;
             let target = std::array::from_fn(|r| known[r] + (target[r] - known[r]) * within);
             (target, away)
@@ -548,9 +540,8 @@ pub fn plan(
         near => (target, near.map_or(0.0, |&(_, away)| away)),
     };
 
-    let longest = map.reaches.iter().map(|reach| reach.outset.seconds);
+    let longest = reaches.iter().map(|reach| reach.outset.seconds);
     let seconds = seconds.min(LONGEST * longest.fold(0.0, f64::max));
-    let frames = (seconds * synergies.rate_hz).round() as usize + 1;
     let mut task = Task {
         name: motion.file.clone(),
         chain: synergies.chain_of(motion).clone(),
@@ -559,8 +550,8 @@ pub fn plan(
         reference: Vec::new(),
         misfit: 0.0,
     };
-    let predictor = Predictor::new(&map.reaches.iter().collect::<Vec<_>>());
-    task.reference = predictor.predict(&Outset::new(&task, seconds)?, frames.max(2));
+    let frames = frames(seconds, synergies.rate_hz);
+    task.reference = Predictor::new(&reaches).predict(&Outset::new(&task, seconds)?, frames);
     let mut settings = synergies.settings(motion);
     settings.model = map.model;
     let problem = Problem {
@@ -570,7 +561,7 @@ pub fn plan(
         islands: 1,
         seed: synergies.seed,
     };
-    let mut starts = starts(map.reaches.iter().collect(), target);
+    let mut starts = starts(&reaches, target);
     starts.push(&polynomial);
     let found = follow(&problem, &[starts], &AtomicBool::new(false))?;
     let found = found.and_then(|found| found.into_iter().next());
@@ -755,7 +746,7 @@ mod tests {
         let own = vec![Vec::new(); 5];
         let around = |problem: &Problem, others: &[Reach]| {
             let own = &reaches(problem, &own).unwrap()[..];
-            super::around(problem, Known { own, others }, &kept).unwrap()
+            super::around(problem, Known { own, others }, &kept)
         };
         let made = around(&problem, &[]);
         let each = 1 + AROUND as usize;

@@ -183,6 +183,22 @@ impl Problem {
         self.islands * ISLAND
     }
 
+    /// How long a motion's recording takes, seconds.
+    pub fn seconds(&self, task: &Task) -> f64 {
+        task.reference.len().saturating_sub(1) as f64 * self.settings.dt()
+    }
+
+    /// The same for other motions, with a parameter vector for each.
+    pub fn each_of(&self, tasks: Vec<Task>) -> Problem {
+        Problem {
+            settings: self.settings,
+            sets: (0..tasks.len()).map(|task| vec![task]).collect(),
+            tasks,
+            islands: self.islands,
+            seed: self.seed,
+        }
+    }
+
     /// How often a tick of one motion is computed in one generation.
     pub fn frames_a_generation(&self) -> u64 {
         let frames = |&task: &usize| {

@@ -241,15 +241,8 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
     let mut cells = vec![headings.map(str::to_owned).to_vec()];
     for row in &rows {
         let cm = |cm: Option<f64>| cm.map_or(String::new(), |cm| format!("{cm:.3}"));
-        let alone = |k: usize| cm(row.alone_cm.map(|cm| cm[k]));
-        cells.push(vec![
-            row.reaches.to_string(),
-            cm(row.predicted_cm),
-            cm(Some(row.adapted_cm)),
-            alone(2),
-            alone(1),
-            alone(0),
-        ]);
+        let reaches = std::iter::once(row.reaches.to_string());
+        cells.push(reaches.chain(row.columns().map(cm)).collect());
     }
     print(&format!(
         "distance in cm on those of {} recordings that were not learned from; known: {}\n{}",
@@ -623,10 +616,8 @@ impl<'a> Out<'a> {
     fn transfer(&self, settings: &Settings, rows: &[map::Transfer]) -> Result<(), Failure> {
         let cells = rows.iter().map(|row| {
             let cm = |cm: Option<f64>| cm.map_or(String::new(), |cm| cm.to_string());
-            let alone = |k: usize| cm(row.alone_cm.map(|cm| cm[k]));
-            let (predicted, adapted) = (cm(row.predicted_cm), cm(Some(row.adapted_cm)));
-            let reaches = row.reaches.to_string();
-            vec![reaches, predicted, adapted, alone(2), alone(1), alone(0)]
+            let reaches = std::iter::once(row.reaches.to_string());
+            reaches.chain(row.columns().map(cm)).collect()
         });
         let names = "reaches,predicted_cm,adapted_cm,predicted_alone_cm,affine_cm,constant_cm";
         self.csv("transfer.csv", names, cells.collect())?;
