@@ -9,9 +9,10 @@
 //!    and one that is rarely found needs to be found only once;
 //! 4. **restart**: the worse half of each set's islands begins anew.
 //!
-//! The best is never lost: its island is never in the worse half. The search has settled when rounds gain nothing more on
-//! the whole. Then the sets alone that still gain go on with descents, until they do not; and in the end the best members
-//! are scored again in `f64`, and evolve in it where that differs.
+//! The best is never lost: its island is never in the worse half. The search has settled when rounds gain little more on
+//! the whole. Then the sets alone that still gain go on with descents, and with strides through rugged valleys
+//! ([`mod@crate::adapt`]), until they do not; and in the end the best members are scored again in `f64`, and go on in it where
+//! that differs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -20,11 +21,12 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::adapt::adapt;
 use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
-use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, blocks, first, gene, parameter, propose};
+use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
 use crate::problem::{Problem, Settings};
 use crate::refine::{Landscape, Start};
 use crate::synergies::score;
@@ -37,17 +39,21 @@ pub const GENERATIONS_A_ROUND: u32 = 16;
 /// Descents from each set's own members in a round.
 const DESCENTS: usize = 32;
 
+/// And when it goes on alone; then so many of its islands' bests also stride on.
+const DESCENTS_ALONE: usize = 16;
+const STRIDES: usize = 2;
+
 /// Sets whose best is tried on each set in a round.
 const DONORS: usize = 8;
 
 /// The search has settled when the mean of the sets' best scores fell by less than this share since half as many rounds
 /// ago.
-const SETTLED: f64 = 0.015;
+const SETTLED: f64 = 0.05;
 
 /// Fewer rounds than this are never called settled.
 const LEAST_ROUNDS: usize = 4;
 
-/// Then sets that still gain go on alone, with descents only, until so many times in a row have gained less than this
+/// Then sets that still gain go on alone, without generations, until so many times in a row have gained less than this
 /// share; at most so often.
 const PATIENCE: u32 = 3;
 const WORTH: f32 = 1e-3;
@@ -59,9 +65,11 @@ const MOST_POORER: u32 = 16;
 const MOST_ISLANDS_POORER: usize = 8;
 
 /// In the end a set's best members are scored in `f64`. Where that differs from `f32` by more than this share (NJᵀ swings
-/// about its target, and the last bits of `f32` grow to some per cent), they evolve so many generations more in `f64`.
+/// about its target, and the last bits of `f32` grow to some per cent), the best goes on in it until that gains less than
+/// this share; at most so often.
 const RUGGED: f64 = 1e-4;
-const EXACT_GENERATIONS: u32 = 64;
+const WORTH_EXACTLY: f64 = 0.01;
+const MOST_EXACTLY: usize = 4;
 
 /// A checkpoint is written at least this often, seconds.
 const CHECKPOINT_EVERY: f64 = 20.0;
@@ -197,9 +205,11 @@ impl Search {
             self.seconds = before + elapsed;
             report(Ok(self.progress(problem)));
 
-            let stopped = stop.load(Ordering::Relaxed) && self.goes_on(generations);
+            // The end is kept, too: what then goes on in f64 may take its time.
+            let ended = !self.goes_on(generations);
+            let stopped = !ended && stop.load(Ordering::Relaxed);
             if let Some(checkpoint) = checkpoint
-                && (stopped || elapsed - saved > CHECKPOINT_EVERY)
+                && (ended || stopped || elapsed - saved > CHECKPOINT_EVERY)
             {
                 checkpoint.write(self)?;
                 saved = elapsed;
@@ -367,89 +377,110 @@ impl Search {
     }
 
     /// Each set's best parameters, chosen among the best members by the core in `f64`, with the distance in metres of each
-    /// of the set's motions. Where the two precisions differ, the last generations are in `f64` too.
+    /// of the set's motions. Where the two precisions differ, the best goes on in `f64`. None where `stop` was set meanwhile.
     ///
     /// # Errors
     /// A task that the core refuses.
-    pub fn winners(&self, problem: &Problem) -> Result<Vec<Winner>, TaskError> {
-        let bounds = problem.settings.bounds(problem.dofs());
-        let winner = |(number, (motions, islands)): (usize, (&Vec<usize>, &[Island]))| {
-            let exact = |genes: &[u32]| {
-                let genes = genes.iter().zip(&bounds);
-                let parameters: Vec<f64> = genes
-                    .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
-                    .collect();
-                let tasks = motions.iter().filter_map(|&task| problem.tasks.get(task));
-                let distances = tasks
-                    .map(|task| score(&problem.settings, task, &parameters))
-                    .collect::<Result<Vec<f64>, _>>()?;
-                Ok(Winner {
-                    parameters,
-                    distances,
-                })
-            };
-            let mut finals = Vec::new();
-            let mut rugged = false;
-            for (genes, by_lanes) in finalists(islands) {
-                let winner = exact(&genes)?;
-                rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
-                finals.push((winner, genes));
-            }
-            if rugged && finals.len() >= ISLAND {
-                finals.sort_by(by_mean);
-                finals.truncate(ISLAND);
-                for generation in 0..EXACT_GENERATIONS {
-                    self.exact_generation(problem, number, generation, &mut finals, &exact)?;
-                }
-            }
-            let best = finals.into_iter().min_by(by_mean);
-            Ok(best.map(|(winner, _)| winner).unwrap_or_default())
-        };
-        let islands = self.islands.par_chunks(problem.islands.max(1));
-        let sets = problem.sets.par_iter().zip(islands);
-        sets.enumerate().map(winner).collect()
-    }
-
-    /// A generation of an island of finalists, by `f64` scores, where only what is better is accepted.
-    fn exact_generation(
-        &self,
+    pub fn winners(
+        &mut self,
         problem: &Problem,
-        set: usize,
-        generation: u32,
-        finals: &mut [Finalist],
-        exact: &impl Fn(&[u32]) -> Result<Winner, TaskError>,
-    ) -> Result<(), TaskError> {
-        let least = |&a: &usize, &b: &usize| by_mean(&finals[a], &finals[b]);
-        let best = (0..finals.len()).min_by(least).unwrap_or(0);
-        let rows: Vec<Vec<u32>> = (0..problem.genes())
-            .map(|gene| finals.iter().map(|(_, genes)| genes[gene]).collect())
-            .collect();
-        // The draws of generations that the search did not get to.
-        let draws = Draws {
-            seed: key(problem.seed),
-            set: set as u32,
-            member: 0,
-            generation: self.generation + generation,
+        stop: &AtomicBool,
+    ) -> Result<Option<Vec<Winner>>, TaskError> {
+        let began = Instant::now();
+        let exact = Exact {
+            problem,
+            bounds: problem.settings.bounds(problem.dofs()),
+            count: AtomicU64::new(0),
+            stop,
         };
-        let mut proposed = vec![[0; ISLAND]; problem.genes()];
-        propose(&draws, &blocks(&draws, 0), &rows, best, &mut proposed);
-        for (me, (current, genes)) in finals.iter_mut().enumerate() {
-            let tried: Vec<u32> = proposed.iter().map(|row| row[me]).collect();
-            let winner = exact(&tried)?;
-            if winner.mean() < current.mean() {
-                (*current, *genes) = (winner, tried);
-            }
+        let sets = self.islands.par_chunks(problem.islands.max(1)).enumerate();
+        let winners: Result<Vec<Winner>, Halt> = sets
+            .map(|(set, islands)| exact.winner(set, islands, self.generation))
+            .collect();
+        self.evaluations += exact.count.into_inner();
+        self.seconds += began.elapsed().as_secs_f64();
+        match winners {
+            Ok(winners) => Ok(Some(winners)),
+            Err(Halt::Stopped) => Ok(None),
+            Err(Halt::Task(error)) => Err(error),
         }
-        Ok(())
     }
 }
 
-/// What a member comes to in `f64`, and its genes.
-type Finalist = (Winner, Vec<u32>);
+/// Scores in `f64`, by the core.
+struct Exact<'a> {
+    problem: &'a Problem,
+    bounds: Vec<(f32, f32)>,
+    /// Motions that were synthesised.
+    count: AtomicU64,
+    stop: &'a AtomicBool,
+}
 
-/// The nearer one first.
-fn by_mean((a, _): &Finalist, (b, _): &Finalist) -> std::cmp::Ordering {
-    a.mean().total_cmp(&b.mean())
+/// Why there is no score.
+enum Halt {
+    Task(TaskError),
+    Stopped,
+}
+
+impl Exact<'_> {
+    /// The best of a set's islands after so many generations.
+    fn winner(&self, set: usize, islands: &[Island], generation: u32) -> Result<Winner, Halt> {
+        let mut best: Option<(Winner, Vec<u32>)> = None;
+        let mut rugged = false;
+        for (genes, by_lanes) in finalists(islands) {
+            let winner = self.score(set, &genes)?;
+            rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
+            if best
+                .as_ref()
+                .is_none_or(|(best, _)| winner.mean() < best.mean())
+            {
+                best = Some((winner, genes));
+            }
+        }
+        let Some((mut winner, mut genes)) = best else {
+            return Ok(Winner::default());
+        };
+        let most = if rugged { MOST_EXACTLY } else { 0 };
+        for run in 0..most {
+            // The draws of a generation that the search did not get to.
+            let draws = draws(self.problem, set, run, generation + 1);
+            let (found, score) = adapt(&genes, &draws, |offspring| {
+                let each = offspring.iter();
+                each.map(|genes| Ok(self.score(set, genes)?.mean()))
+                    .collect()
+            })?;
+            let gained = winner.mean() - score;
+            if gained > 0.0 {
+                (winner, genes) = (self.score(set, &found)?, found);
+            }
+            if gained < WORTH_EXACTLY * score {
+                break;
+            }
+        }
+        Ok(winner)
+    }
+
+    fn score(&self, set: usize, genes: &[u32]) -> Result<Winner, Halt> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Halt::Stopped);
+        }
+        let genes = genes.iter().zip(&self.bounds);
+        let parameters: Vec<f64> = genes
+            .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
+            .collect();
+        let motions = self.problem.sets.get(set).into_iter().flatten();
+        let tasks = motions.filter_map(|&task| self.problem.tasks.get(task));
+        let distances: Vec<f64> = tasks
+            .map(|task| score(&self.problem.settings, task, &parameters))
+            .collect::<Result<_, _>>()
+            .map_err(Halt::Task)?;
+        self.count
+            .fetch_add(distances.len() as u64, Ordering::Relaxed);
+        Ok(Winner {
+            parameters,
+            distances,
+        })
+    }
 }
 
 /// The genes that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
@@ -511,7 +542,10 @@ impl Round {
             _ => &[Way::GuessAgain, Way::Graft, Way::Redraw, Way::Graft][..],
         };
         // Leaders are on their valleys' floors when nothing was annealed since.
-        let leading = if self.encore == 0 { DESCENTS / 2 } else { 0 };
+        let (count, leading) = match self.encore {
+            0 => (DESCENTS, DESCENTS / 2),
+            _ => (DESCENTS_ALONE, 0),
+        };
         let mut starts = Vec::new();
         let sets = islands.chunks(problem.islands.max(1)).enumerate();
         let sets = sets.zip(guesses).zip(&bests);
@@ -532,8 +566,7 @@ impl Round {
             });
             let others = others.zip(ways.iter().cycle());
             let others = others.map(|((island, member), &way)| (island, member, way));
-            for (number, (island, member, way)) in leaders.chain(others).take(DESCENTS).enumerate()
-            {
+            for (number, (island, member, way)) in leaders.chain(others).take(count).enumerate() {
                 let number = self.encore * DESCENTS + number;
                 let draws = draws(problem, set, number, self.generation);
                 let [first, second, kind, other] = draws.block(MOST_BLOCKS);
@@ -585,8 +618,8 @@ impl Round {
         starts
     }
 
-    /// Once the search has settled as a whole: descents for the sets alone that still gain, until they do not. False where
-    /// `stop` was set meanwhile.
+    /// Once the search has settled as a whole: descents and strides for the sets alone that still gain, until they do not.
+    /// False where `stop` was set meanwhile.
     fn encores(
         mut self,
         ground: &Ground<'_>,
@@ -601,10 +634,20 @@ impl Round {
         };
         let mut idle = vec![0; ground.problem.sets.len()];
         let mut before = scores(islands);
+        let mut strode = vec![Vec::new(); islands.len()];
         while idle.iter().any(|&idle| idle < PATIENCE) && self.encore < MOST_ENCORES {
             self.encore += 1;
             let own = self.starts(ground, islands, |set| idle[set] < PATIENCE);
-            if !ground.descend(&own, islands, count, stop) {
+            if !ground.descend(&own, islands, count, stop)
+                || !self.stride(
+                    ground,
+                    islands,
+                    &mut strode,
+                    |set| idle[set] < PATIENCE,
+                    count,
+                    stop,
+                )
+            {
                 return false;
             }
             let after = scores(islands);
@@ -615,6 +658,43 @@ impl Round {
                 }
             }
             before = after;
+        }
+        true
+    }
+
+    /// Strides on from the best islands' bests of some sets; but not from what strides have ended with before, which
+    /// `strode` keeps of each island. False, and nothing is changed, where `stop` was set meanwhile.
+    fn stride(
+        &self,
+        ground: &Ground<'_>,
+        islands: &mut [Island],
+        strode: &mut [Vec<u32>],
+        takes_part: impl Fn(usize) -> bool,
+        count: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> bool {
+        let a_set = ground.problem.islands;
+        let mut chosen = Vec::new();
+        for set in (0..ground.problem.sets.len()).filter(|&set| takes_part(set)) {
+            let mut new: Vec<usize> = (set * a_set..(set + 1) * a_set)
+                .filter(|&island| islands[island].best != strode[island])
+                .collect();
+            new.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
+            chosen.extend(new.into_iter().take(STRIDES).map(|island| (set, island)));
+        }
+        let start = |&(set, island): &(usize, usize)| {
+            let number = self.encore * a_set + island % a_set;
+            let draws = draws(ground.problem, set, number, self.generation);
+            (set, &islands[island].best[..], draws)
+        };
+        let starts: Vec<_> = chosen.iter().map(start).collect();
+        let Some(floors) = ground.landscape.adapt(&starts, count, stop) else {
+            return false;
+        };
+        for (&(_, island), floor) in chosen.iter().zip(&floors) {
+            let leader = islands[island].leader();
+            islands[island].settle(leader, floor);
+            strode[island].clone_from(&islands[island].best);
         }
         true
     }
@@ -865,7 +945,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("3 {backend} {problem:?}");
+        let identity = format!("4 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
@@ -993,12 +1073,8 @@ mod tests {
         let problem = problem();
         let mut search = Search::new(&problem);
         run(&mut search, &problem, 64);
-        for (winner, islands) in search
-            .winners(&problem)
-            .unwrap()
-            .iter()
-            .zip(search.islands.chunks(2))
-        {
+        let winners = search.winners(&problem, &AtomicBool::new(false)).unwrap();
+        for (winner, islands) in winners.unwrap().iter().zip(search.islands.chunks(2)) {
             let best = islands
                 .iter()
                 .map(|island| island.best_score)
@@ -1078,7 +1154,10 @@ mod tests {
                 (problem.settings.model, problem.seed) = (model, seed);
                 let mut search = Search::new(&problem);
                 run(&mut search, &problem, 4 * GENERATIONS_A_ROUND);
-                search.winners(&problem).unwrap()
+                search
+                    .winners(&problem, &AtomicBool::new(false))
+                    .unwrap()
+                    .unwrap()
             };
             for (poor, rich) in learned(poorer, 1).iter().zip(&learned(richer, 2)) {
                 assert!(rich.distances[0] <= poor.distances[0] + 1e-6);

@@ -10,12 +10,13 @@
 //! - [`choice`]: which of them is faster for a search
 //! - [`learn`]: the search from beginning to end
 //! - [`mod@bench`]: how fast each of the places is
-//! - [`refine`]: from a member to the floor of its valley
+//! - [`refine`], [`mod@adapt`]: from a member to the floor of its valley, and on from there where that is rugged
 //! - [`map`], [`predict`]: from a new target to parameters
 //! - [`synergies`], [`synthesis`]: what was learned as a file, and new motions from it
 //! - [`experiment`], [`speed`]: what the paper's experiments compare: distances, and the hand's speed
 //! - [`export`], [`play`]: what was learned as an arm controller takes it, and a reach on one
 
+pub mod adapt;
 pub mod bench;
 pub mod chain;
 pub mod choice;

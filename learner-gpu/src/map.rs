@@ -433,8 +433,8 @@ fn searched(
     if ended == Ended::Stopped {
         return Ok(None);
     }
-    let winners = search.winners(problem)?.into_iter();
-    Ok(Some(winners.map(|winner| winner.parameters).collect()))
+    let winners = search.winners(problem, stop)?;
+    Ok(winners.map(|all| all.into_iter().map(|one| one.parameters).collect()))
 }
 
 /// What so many of a person's reaches are good for, with another person's map and without: mean distances of the reaches

@@ -23,7 +23,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use sinew::real::Real;
 
-use crate::kernel::proposal::{MOST_GENES, gene, parameter};
+use crate::adapt::adapt;
+use crate::kernel::proposal::{Draws, MOST_GENES, gene, parameter};
 use crate::kernel::score::{Ready, mean};
 use crate::lanes::{Instructions, Lanes, dispatch};
 use crate::problem::{Problem, Settings, with_dofs};
@@ -113,6 +114,37 @@ impl<'a> Landscape<'a> {
         starts.par_iter().map(descend).collect()
     }
 
+    /// Goes on as [`adapt`] does from genes of sets, each with draws of its own, on all threads. `evaluations` is told how
+    /// often a motion was synthesised. None where `stop` was set meanwhile.
+    pub fn adapt(
+        &self,
+        starts: &[(usize, &[u32], Draws)],
+        evaluations: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> Option<Vec<Floor>> {
+        // Threads that have no start of their own help the others with their offspring.
+        let few = starts.len() < rayon::current_num_threads();
+        let go_on = |&(set, genes, draws): &(usize, &[u32], Draws)| {
+            let scores = |offspring: &[Vec<u32>]| {
+                if stop.load(Ordering::Relaxed) {
+                    return Err(Stopped);
+                }
+                evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
+                let each = offspring.iter().map(|genes| (set, shares(genes)));
+                let asked: Vec<(usize, Vec<f32>)> = each.collect();
+                let scores = match few {
+                    true => self.scores_at(&asked),
+                    false => self.0.scores(&asked),
+                };
+                Ok(scores.into_iter().map(f64::from).collect())
+            };
+            let (genes, score) = adapt(genes, &draws, scores).ok()?;
+            let score = score as f32;
+            Some(Floor { genes, score })
+        };
+        starts.par_iter().map(go_on).collect()
+    }
+
     /// The scores of genes, each on a set of motions.
     pub fn scores(&self, asked: &[(usize, &[u32])]) -> Vec<f32> {
         let points: Vec<(usize, Vec<f32>)> = asked
@@ -140,10 +172,15 @@ impl<'a> Landscape<'a> {
     }
 }
 
+/// Somebody asked to stop.
+struct Stopped;
+
 /// The sets of a problem, whatever the arm's size and the machine's lanes.
 trait Sets {
     /// The floor below a start, where there is its set.
     fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor>;
+    /// How many motions a set has.
+    fn size(&self, set: usize) -> u64;
     /// The scores at points of one set.
     fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32>;
     /// The slope at a point of a set, where there is the set.
@@ -154,15 +191,20 @@ impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
     fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor> {
         let valley = self.get(start.set)?;
         let (floor, count) = valley.descend(start);
-        evaluations.fetch_add(count * valley.motions.len() as u64, Ordering::Relaxed);
+        evaluations.fetch_add(count * self.size(start.set), Ordering::Relaxed);
         Some(floor)
+    }
+
+    fn size(&self, set: usize) -> u64 {
+        self.get(set)
+            .map_or(0, |valley| valley.motions.len() as u64)
     }
 
     fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32> {
         let Some(valley) = run.first().and_then(|&(set, _)| self.get(set)) else {
             return vec![f32::INFINITY; run.len()];
         };
-        let points: Vec<Vec<f32>> = run.iter().map(|(_, point)| point.clone()).collect();
+        let points: Vec<&[f32]> = run.iter().map(|(_, point)| &point[..]).collect();
         valley.scores(&points)
     }
 
@@ -253,14 +295,14 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
             .iter()
             .map(|&share| gene(share.into(), (0.0, 1.0)))
             .collect();
-        let score = self.scores(&[shares(&genes)])[0];
+        let score = self.scores(&[&shares(&genes)])[0];
         (Floor { genes, score }, count + 1)
     }
 
     /// The floor from `at`.
     fn arrive(&self, at: &[f32], beat: f32, count: &mut u64) -> Vec<f32> {
         let mut at = at.to_vec();
-        let mut least = self.scores(std::slice::from_ref(&at))[0];
+        let mut least = self.scores(&[&at])[0];
         let mut damping = 1e-2;
         let mut apart = Vec::new();
         for step in 0..MOST_STEPS {
@@ -296,7 +338,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     /// The scores of some points.
-    fn scores(&self, points: &[Vec<f32>]) -> Vec<f32> {
+    fn scores(&self, points: &[&[f32]]) -> Vec<f32> {
         // Here and in `slope`, not further out: what is inside is compiled wherever it is called.
         S::proof().vectorize(
             #[inline(always)]
@@ -305,7 +347,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     }
 
     #[inline(always)]
-    fn scores_in_lanes(&self, points: &[Vec<f32>]) -> Vec<f32> {
+    fn scores_in_lanes(&self, points: &[&[f32]]) -> Vec<f32> {
         let mut out = Vec::with_capacity(points.len());
         for some in points.chunks(Lanes::<S>::COUNT) {
             // Lanes without a point of their own take the last.

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use clap::ValueEnum;
 use serde::Serialize;
 use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4, mean};
-use sinew_learn::learn::{Ended, Search};
+use sinew_learn::learn::Search;
 use sinew_learn::map;
 use sinew_learn::motion::Point;
 use sinew_learn::output;
@@ -290,7 +290,7 @@ fn searches(
             symbol(settings.model),
             name(settings.stepper)
         );
-        let ended = search::run(
+        let found = search::run(
             &mut search,
             &problem,
             &mut backend,
@@ -298,13 +298,13 @@ fn searches(
             &stop,
             None,
         )?;
-        if ended == Ended::Stopped || stop.load(Ordering::Relaxed) {
+        let Some((_, winners)) = found.filter(|_| !stop.load(Ordering::Relaxed)) else {
             super::tell!("stopped in search {} of {count}; nothing is written", k + 1);
             return Ok(None);
-        }
+        };
         // The CPU may have taken over.
         let (backend_name, device) = named(&backend);
-        let synergies = synergies(&problem, &search, backend_name, device)?;
+        let synergies = synergies(&problem, &search, &winners, backend_name, device)?;
         learned.push(Learned {
             settings,
             synergies,

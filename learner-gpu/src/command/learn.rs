@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
 
     let stop = search::stop()?;
-    let ended = search::run(
+    let found = search::run(
         &mut search,
         &problem,
         &mut backend,
@@ -86,18 +86,18 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         &stop,
         Some(&checkpoint),
     )?;
-    if ended == Ended::Stopped {
+    let Some((ended, winners)) = found else {
         super::tell!(
             "stopped after generation {}; the same command goes on from there ({})",
             search.generation,
             checkpoint.path().display()
         );
         return Ok(ExitCode::from(130));
-    }
+    };
 
     // The CPU may have taken over.
     let (name, device) = named(&backend);
-    let mut synergies = synergies(&problem, &search, name, device)?;
+    let mut synergies = synergies(&problem, &search, &winners, name, device)?;
     if arguments.map {
         let motions = synergies.motions.iter();
         let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sinew_learn::chain::ChainDescription;
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
-use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
+use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search, Winner};
 use sinew_learn::map::LearnedMap;
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
@@ -320,7 +320,7 @@ pub fn stop() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// Runs a search and shows how it goes.
+/// Runs a search and shows how it goes: how it ended, and what it found, scored again in `f64`. None where it was stopped.
 pub fn run(
     search: &mut Search,
     problem: &Problem,
@@ -328,7 +328,7 @@ pub fn run(
     generations: u32,
     stop: &AtomicBool,
     checkpoint: Option<&Checkpoint>,
-) -> Result<Ended, Failure> {
+) -> Result<Option<(Ended, Vec<Winner>)>, Failure> {
     let bar = Bar::new(generations);
     let ended = search.run(
         problem,
@@ -341,26 +341,37 @@ pub fn run(
             Err(words) => bar.say(&words),
         },
     );
+    let winners = match ended {
+        Ok(Ended::Stopped) => Ok(None),
+        Ok(ended) => {
+            bar.bar.set_message("the best again in f64");
+            let winners = search.winners(problem, stop);
+            winners
+                .map(|winners| winners.map(|winners| (ended, winners)))
+                .map_err(LearnError::Task)
+        }
+        Err(error) => Err(error),
+    };
     bar.bar.finish_and_clear();
-    ended.map_err(|error| match error {
+    winners.map_err(|error| match error {
         LearnError::Task(error) => Failure::input(error),
         error => Failure::run(error),
     })
 }
 
-/// What was learned, scored again in f64.
+/// What was learned, as a file has it.
 pub fn synergies(
     problem: &Problem,
     search: &Search,
+    winners: &[Winner],
     backend: &str,
     device: String,
 ) -> Result<Synergies, Failure> {
-    let winners = search.winners(problem).map_err(Failure::input)?;
     let Some(first) = problem.tasks.first() else {
         return Err(Failure::Input("no recordings to learn from".to_owned()));
     };
     let mut motions: Vec<Option<LearnedMotion>> = vec![None; problem.tasks.len()];
-    for (set, winner) in problem.sets.iter().zip(&winners) {
+    for (set, winner) in problem.sets.iter().zip(winners) {
         for (&index, &distance) in set.iter().zip(&winner.distances) {
             let (Some(task), Some(slot)) = (problem.tasks.get(index), motions.get_mut(index))
             else {

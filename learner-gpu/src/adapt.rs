@@ -1,0 +1,302 @@
+//! Down a rugged valley, from the best that descents have found: the covariance matrix adaptation evolution strategy
+//! (Hansen 2016, *The CMA Evolution Strategy: A Tutorial*, arXiv:1604.00772).
+//!
+//! Where gains leave the inverse kinematics just so stable the distance is rugged: a hundredth of the bounds aside it may
+//! be ten times as great, and ripples along the valley's floor hold a descent, which sees slopes. Offspring drawn around a
+//! mean learn the valley's shape from nothing but which of them are better, and stride over ripples: with S_D and Jᵀ they end
+//! up to a tenth below the descents. Where the distance is smooth they gain nothing, and end soon.
+//!
+//! As in the tutorial, but that offspring beyond the bounds are put on them, which the covariance learns too; that its
+//! Cholesky factor does for its root (Krause, Arbonès and Igel 2016, *CMA-ES with Optimal Covariance Update and Storage
+//! Complexity*); and that the worse half does not count (the tutorial's negative weights are 0).
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use sinew::real::Real;
+
+use crate::kernel::proposal::{Draws, GENE, MOST_GENES};
+
+/// Offspring of a generation.
+const OFFSPRING: usize = 32;
+/// Those of them that the next generation is drawn from, the best.
+const PARENTS: usize = OFFSPRING / 2;
+/// The first generation's standard deviation, as a share of the bounds.
+const FIRST_STEP: f64 = 0.002;
+/// It has arrived when so many generations have gained less than this share of the score,
+const PATIENCE: usize = 200;
+const WORTH: f64 = 3e-4;
+/// or when a generation's scores differ by less than this share: its valley is smooth,
+const EVEN: f64 = 3e-5;
+/// or when offspring differ by less than genes can.
+const FINEST: f64 = 1.0 / GENE as f64;
+/// It ends at the latest after so many generations.
+const MOST_GENERATIONS: usize = 3000;
+/// 1 / √((2¹⁶ − 1)/3): what makes a variance of 1 out of that of a sum of four bytes.
+const SCALE: f64 = 0.006_765_875_086_793_228;
+/// The first of its blocks of draws: what else is drawn with the same [`Draws`] takes blocks before it.
+const FIRST_BLOCK: u32 = 1 << 16;
+
+/// The best genes found from `from`, which are not among them, with their score. `scores` has some genes' scores, in order.
+///
+/// # Errors
+/// The first that `scores` ends with.
+pub fn adapt<E>(
+    from: &[u32],
+    draws: &Draws,
+    mut scores: impl FnMut(&[Vec<u32>]) -> Result<Vec<f64>, E>,
+) -> Result<(Vec<u32>, f64), E> {
+    let mut cloud = Cloud::new(from);
+    let mut offspring = vec![from.to_vec(); OFFSPRING];
+    let mut best = (from.to_vec(), f64::INFINITY);
+    let mut bests = Vec::new();
+    for generation in 0..MOST_GENERATIONS {
+        let Some(root) = cloud.root() else {
+            break;
+        };
+        cloud.draw(&root, &normal(draws, generation), &mut offspring);
+        let scored = scores(&offspring)?;
+        let mut order: Vec<(f64, &Vec<u32>)> = scored.into_iter().zip(&offspring).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (Some(&(least, genes)), Some(&(most, _))) = (order.first(), order.last()) else {
+            break;
+        };
+        if least < best.1 {
+            best.0.clone_from(genes);
+            best.1 = least;
+        }
+        let even = most - least < EVEN * least;
+        let earlier = bests.len().checked_sub(PATIENCE).map(|at| bests[at]);
+        let idle = earlier.is_some_and(|earlier: f64| earlier - best.1 < WORTH * best.1);
+        bests.push(best.1);
+        let parents = order.iter().map(|&(_, genes)| &genes[..]);
+        if even || idle || !cloud.learn(&root, parents) || cloud.reach() < FINEST {
+            break;
+        }
+    }
+    Ok(best)
+}
+
+/// What offspring are drawn from: a normal distribution over the bounds, as shares of them. Symbols are the tutorial's: its
+/// appendix A has the algorithm, its table 1 the numbers.
+struct Cloud {
+    /// m.
+    mean: DVector<f64>,
+    /// σ, the step size.
+    step: f64,
+    /// C, of which only the lower half counts.
+    covariance: DMatrix<f64>,
+    /// p_c and p_σ, the paths that the mean has gone.
+    path: DVector<f64>,
+    step_path: DVector<f64>,
+    /// What each parent counts, the best first: 1 together.
+    weights: [f64; PARENTS],
+    generation: i32,
+}
+
+impl Cloud {
+    fn new(from: &[u32]) -> Self {
+        let n = from.len();
+        let half = (OFFSPRING + 1) as f64 / 2.0;
+        let weights: [f64; PARENTS] = std::array::from_fn(|rank| (half / (rank + 1) as f64).ln());
+        let sum: f64 = weights.iter().sum();
+        Cloud {
+            mean: DVector::from_iterator(n, from.iter().map(share)),
+            step: FIRST_STEP,
+            covariance: DMatrix::identity(n, n),
+            path: DVector::zeros(n),
+            step_path: DVector::zeros(n),
+            weights: weights.map(|weight| weight / sum),
+            generation: 0,
+        }
+    }
+
+    /// A with A·Aᵀ = C, as long as there is one.
+    fn root(&self) -> Option<DMatrix<f64>> {
+        Cholesky::new(self.covariance.clone()).map(Cholesky::unpack)
+    }
+
+    /// Genes at m + σ·A·z, or the nearest within the bounds.
+    fn draw(&self, root: &DMatrix<f64>, normal: &[Row; MOST_GENES], offspring: &mut [Vec<u32>]) {
+        for (k, mean) in self.mean.iter().enumerate() {
+            let mut shares = [*mean; OFFSPRING];
+            // A has nothing above its diagonal.
+            for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
+                for (share, normal) in shares.iter_mut().zip(normal) {
+                    *share += self.step * root * normal;
+                }
+            }
+            for (genes, share) in offspring.iter_mut().zip(shares) {
+                // The conversion puts what is below 0 on it.
+                genes[k] = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
+            }
+        }
+    }
+
+    /// The greatest standard deviation of a parameter.
+    fn reach(&self) -> f64 {
+        self.step * self.covariance.diagonal().max().sqrt()
+    }
+
+    /// Moves to the first of the offspring, ordered from the best on, and learns from where they lie. False where that comes
+    /// to no number.
+    fn learn<'a>(
+        &mut self,
+        root: &DMatrix<f64>,
+        offspring: impl Iterator<Item = &'a [u32]>,
+    ) -> bool {
+        // The numbers.
+        let n = self.mean.len() as f64;
+        let mu = 1.0 / self.weights.iter().map(|w| w * w).sum::<f64>();
+        let c_c = (4.0 + mu / n) / (n + 4.0 + 2.0 * mu / n);
+        let c_sigma = (mu + 2.0) / (n + mu + 5.0);
+        let c_1 = 2.0 / ((n + 1.3).powi(2) + mu);
+        let c_mu = 2.0 * (mu - 1.75 + 1.0 / mu) / ((n + 2.0).powi(2) + mu);
+        let c_mu = c_mu.min(1.0 - c_1);
+        let d_sigma = 1.0 + 2.0 * (((mu - 1.0) / (n + 1.0)).sqrt() - 1.0).max(0.0) + c_sigma;
+        let expected = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
+
+        // Steps from the mean, and the mean's own.
+        let mut steps = DMatrix::zeros(self.mean.len(), PARENTS);
+        let mut moved = DVector::zeros(self.mean.len());
+        let parents = steps.column_iter_mut().zip(offspring).zip(&self.weights);
+        for ((mut step, genes), weight) in parents {
+            for ((step, gene), mean) in step.iter_mut().zip(genes).zip(self.mean.iter()) {
+                *step = (share(gene) - mean) / self.step;
+            }
+            moved.axpy(*weight, &step, 1.0);
+        }
+        self.mean.axpy(self.step, &moved, 1.0);
+        // The step size.
+        let Some(straight) = root.solve_lower_triangular(&moved) else {
+            return false;
+        };
+        let taken = (c_sigma * (2.0 - c_sigma) * mu).sqrt();
+        self.step_path.axpy(taken, &straight, 1.0 - c_sigma);
+        self.generation += 1;
+        let begun = (1.0 - (1.0 - c_sigma).powi(2 * self.generation)).sqrt();
+        let length = self.step_path.norm();
+        self.step *= Real::exp((c_sigma / d_sigma * (length / expected - 1.0)).min(1.0));
+        // The covariance. A path that is long because the steps are still too small does not count.
+        let (taken, lost) = if length / begun < (1.4 + 2.0 / (n + 1.0)) * expected {
+            ((c_c * (2.0 - c_c) * mu).sqrt(), 0.0)
+        } else {
+            (0.0, c_1 * c_c * (2.0 - c_c))
+        };
+        self.path.axpy(taken, &moved, 1.0 - c_c);
+        let kept = 1.0 - c_1 - c_mu + lost;
+        self.covariance.syger(c_1, &self.path, &self.path, kept);
+        for (weight, step) in self.weights.iter().zip(steps.column_iter()) {
+            self.covariance.syger(c_mu * weight, &step, &step, 1.0);
+        }
+        self.step.is_finite()
+    }
+}
+
+/// A gene as a share of its bounds.
+fn share(gene: &u32) -> f64 {
+    f64::from(*gene) * (1.0 / GENE as f64)
+}
+
+/// A number of each of the offspring.
+type Row = [f64; OFFSPRING];
+
+/// A generation's independent numbers of mean 0 and variance 1, nearly normal: sums of four uniform ones of 8 bits.
+fn normal(draws: &Draws, generation: usize) -> [Row; MOST_GENES] {
+    const FOUR: usize = 4;
+    let mut out = [[0.0; OFFSPRING]; MOST_GENES];
+    let first = FIRST_BLOCK + (generation * OFFSPRING * MOST_GENES / FOUR) as u32;
+    for (four, rows) in out.chunks_mut(FOUR).enumerate() {
+        for member in 0..OFFSPRING {
+            let block = draws.block(first + (four * OFFSPRING + member) as u32);
+            for (row, draw) in rows.iter_mut().zip(block) {
+                let sum: u32 = draw.to_le_bytes().map(u32::from).iter().sum();
+                // Of four with mean 255/2 and variance (2¹⁶ − 1)/12 each.
+                row[member] = (f64::from(sum) - 510.0) * SCALE;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::convert::Infallible;
+
+    const DRAWS: Draws = Draws {
+        seed: [1, 2],
+        set: 3,
+        member: 4,
+        generation: 5,
+    };
+
+    /// From the middle, a score of shares of the bounds.
+    fn found(score: impl Fn(&DVector<f64>) -> f64) -> (Vec<u32>, f64) {
+        let scores = |genes: &[Vec<u32>]| {
+            let point = |genes: &Vec<u32>| DVector::from_iterator(10, genes.iter().map(share));
+            Ok::<_, Infallible>(genes.iter().map(|genes| score(&point(genes))).collect())
+        };
+        adapt(&[GENE / 2; 10], &DRAWS, scores).unwrap()
+    }
+
+    #[test]
+    fn a_narrow_valley_across_all_parameters_is_followed_to_its_end() {
+        // A hundred times as steep across as along, turned out of the axes; ripples along it are steeper than it is.
+        let score = |at: &DVector<f64>| {
+            let from_end = at.add_scalar(-0.8);
+            let along = from_end.sum() / 10.0;
+            let across = from_end.add_scalar(-along).norm();
+            let ripple = 1e-4 * (3e4 * along).sin().powi(2);
+            (along * along + 1e4 * across * across).sqrt() + ripple
+        };
+        let middle = score(&DVector::from_element(10, 0.5));
+        let (genes, least) = found(score);
+        assert!(middle > 0.3);
+        assert!(least < 0.005, "{least}");
+        assert!(genes.iter().all(|&gene| gene > GENE / 100 * 78));
+    }
+
+    #[test]
+    fn a_best_beyond_the_bounds_is_found_on_them() {
+        let (genes, least) = found(|at| {
+            let beyond = at.add_scalar(-2.0);
+            beyond.norm()
+        });
+        assert!((least - 10.0_f64.sqrt()).abs() < 1e-3, "{least}");
+        assert!(genes.iter().all(|&gene| gene > GENE - GENE / 1000));
+    }
+
+    #[test]
+    fn where_nothing_is_better_it_ends_soon_and_an_error_ends_it_at_once() {
+        let mut asked = 0;
+        let scores = |genes: &[Vec<u32>]| {
+            asked += genes.len();
+            Ok::<_, Infallible>(vec![1.0; genes.len()])
+        };
+        assert_eq!(adapt(&[7; 3], &DRAWS, scores).unwrap().1, 1.0);
+        assert_eq!(asked, OFFSPRING);
+        assert_eq!(adapt(&[7; 3], &DRAWS, |_| Err("stop")), Err("stop"));
+        // Scores that are no numbers.
+        let scores = |genes: &[Vec<u32>]| Ok::<_, Infallible>(vec![f64::NAN; genes.len()]);
+        assert_eq!(adapt(&[7; 3], &DRAWS, scores).unwrap().0, [7; 3]);
+    }
+
+    #[test]
+    fn normal_numbers_have_mean_0_and_variance_1_and_are_independent() {
+        let columns = |generation| {
+            let rows = normal(&DRAWS, generation);
+            std::array::from_fn::<_, OFFSPRING, _>(|member| rows.map(|row| row[member]))
+        };
+        let draws: Vec<_> = (0..625).flat_map(columns).collect();
+        let mean = |f: &dyn Fn(&[f64; MOST_GENES]) -> f64| {
+            draws.iter().map(f).sum::<f64>() / draws.len() as f64
+        };
+        for a in 0..5 {
+            assert!(mean(&|z| z[a]).abs() < 0.03);
+            for b in 0..5 {
+                let expected = if a == b { 1.0 } else { 0.0 };
+                assert!((mean(&|z| z[a] * z[b]) - expected).abs() < 0.04);
+            }
+        }
+        assert_ne!(draws[0], draws[1]);
+    }
+}
