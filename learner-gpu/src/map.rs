@@ -22,7 +22,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, UnitQuaternion};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
@@ -168,6 +168,58 @@ impl LearnedMap {
         let values =
             |values: &[f64], other| std::array::from_fn(|i| *values.get(i).unwrap_or(&other));
         (values(&self.centre, 0.0), values(&self.scale, 1.0))
+    }
+
+    /// The map of people who do the same, but face another way: whatever lies in the recordings' frame is turned. A turn that
+    /// does not put axes on axes has none, for terms would not stay terms.
+    pub fn turned(&self, turn: &UnitQuaternion<f64>) -> Option<LearnedMap> {
+        let matrix = turn.to_rotation_matrix();
+        // Where each input comes from, and whether it is turned over. Time stays time.
+        let mut origin = [(3, 1.0); INPUTS];
+        for (r, origin) in origin.iter_mut().enumerate().take(3) {
+            let on_axis = |&c: &usize| matrix[(r, c)].abs() > 1.0 - 1e-6;
+            let from = (0..3).find(on_axis)?;
+            *origin = (from, matrix[(r, from)].signum());
+        }
+        let point = |point: Point| {
+            std::array::from_fn(|r| {
+                let (from, sign) = origin[r];
+                sign * point[from]
+            })
+        };
+        let (centre, scale) = self.standard();
+        // Which term is the product of two inputs: see `sinew::map::terms`.
+        let product = |a: usize, b: usize| {
+            let (more, less) = (a.max(b), a.min(b));
+            1 + INPUTS + more * (more + 1) / 2 + less
+        };
+        let row = |row: &Vec<f64>| {
+            let mut out = row.clone();
+            let mut put = |to: usize, from: usize, sign: f64| {
+                if let (Some(to), Some(from)) = (out.get_mut(to), row.get(from)) {
+                    *to = sign * from;
+                }
+            };
+            for (i, &(a, sign)) in origin.iter().enumerate() {
+                put(1 + i, 1 + a, sign);
+                for (j, &(b, other)) in origin.iter().enumerate().take(i + 1) {
+                    put(product(i, j), product(a, b), sign * other);
+                }
+            }
+            out
+        };
+        Some(LearnedMap {
+            centre: origin.map(|(from, sign)| sign * centre[from]).to_vec(),
+            scale: origin.map(|(from, _)| scale[from]).to_vec(),
+            coefficients: self.coefficients.iter().map(row).collect(),
+            targets: self.targets.iter().copied().map(point).collect(),
+            reaches: self
+                .reaches
+                .iter()
+                .map(|reach| reach.turned(point))
+                .collect(),
+            ..self.clone()
+        })
     }
 
     /// The parameters for a reach of an arm with so many DoFs, and how far to trust them, from 0 to 1.
@@ -997,5 +1049,64 @@ impl<'a> Fit<'a> {
             curvature,
             scale,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn a_turned_map_plans_for_a_turned_target_what_the_map_does_for_the_target() {
+        let number = |k: usize| (7.3 * k as f64 + 0.4).sin();
+        let target = [0.1, 0.4, -0.2];
+        let map = LearnedMap {
+            model: ModelKind::B,
+            degree: Degree::Quadratic,
+            centre: vec![0.1, 0.3, -0.1, 0.9],
+            scale: vec![0.1, 0.2, 0.15, 0.1],
+            coefficients: (0..7)
+                .map(|row| (0..TERMS).map(|k| 0.1 * number(20 * row + k)).collect())
+                .collect(),
+            targets: vec![target],
+            radius: 0.3,
+            trials: Vec::new(),
+            kept: String::new(),
+            reaches: vec![predict::Reach {
+                outset: predict::Outset {
+                    start: vec![[0.0; 3], target],
+                    target,
+                    seconds: 1.0,
+                },
+                path: vec![vec![[1.0, 2.0, 3.0]]],
+                parameters: vec![1.0; 7],
+            }],
+        };
+        let asked = [0.15, 0.35, -0.1];
+        let expected = map.plan(7, asked, 0.95).unwrap();
+        for quarters in 0..4 {
+            let angle = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+            let turned = map.turned(&turn).unwrap();
+            let there: Point = (turn * Vector3::from(asked)).into();
+            let planned = turned.plan(7, there, 0.95).unwrap();
+            for (a, b) in planned.0.iter().zip(&expected.0) {
+                assert!((a - b).abs() < 1e-9, "{a} {b}");
+            }
+            assert!((planned.1 - expected.1).abs() < 1e-9);
+            let reach = &turned.reaches[0];
+            for (found, point) in [
+                (reach.path[0][0], [1.0, 2.0, 3.0]),
+                (reach.outset.target, target),
+                (reach.outset.start[1], target),
+                (turned.targets[0], target),
+            ] {
+                assert!((Vector3::from(found) - turn * Vector3::from(point)).norm() < 1e-9);
+            }
+        }
+        assert_eq!(map.turned(&UnitQuaternion::identity()), Some(map.clone()));
+        let odd = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3);
+        assert_eq!(map.turned(&odd), None);
     }
 }

@@ -90,6 +90,22 @@ pub struct Reach {
     pub parameters: Vec<f64>,
 }
 
+impl Reach {
+    /// The same reach elsewhere: each of its points is put where `to` puts it.
+    pub fn turned(&self, to: impl Fn(Point) -> Point) -> Reach {
+        let all = |points: &Vec<Point>| points.iter().map(|&point| to(point)).collect();
+        Reach {
+            outset: Outset {
+                start: all(&self.outset.start),
+                target: to(self.outset.target),
+                seconds: self.outset.seconds,
+            },
+            path: self.path.iter().map(all).collect(),
+            parameters: self.parameters.clone(),
+        }
+    }
+}
+
 impl Outset {
     /// Of a task, whatever its reference, that is to take so long.
     fn new(task: &Task, seconds: f64) -> Result<Self, TaskError> {

@@ -143,6 +143,21 @@ fn a_motion_to_a_new_target_is_a_recording_too() {
     );
 }
 
+/// A recording of the sample with every point turned about the vertical: (x, y) to (−y, x).
+fn facing_left(path: &str) -> String {
+    let recording = std::fs::read_to_string(path).unwrap();
+    let mut out = String::new();
+    for (number, line) in recording.lines().enumerate() {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        for point in cells[1..13].chunks_mut(3).filter(|_| number > 0) {
+            let y: f64 = point[1].parse().unwrap();
+            point[1] = std::mem::replace(&mut point[0], (-y).to_string());
+        }
+        out += &(cells.join(",") + "\n");
+    }
+    out
+}
+
 #[test]
 fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -155,6 +170,34 @@ fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
     let adapted = learn(second.path(), &[&few[..], &["--known", known]].concat());
     assert!(adapted.status.success(), "{}", text(&adapted.stderr));
     assert!(text(&adapted.stdout).contains("another's map, adapted"));
+
+    // Somebody who does the same, but faces a quarter turn to the left.
+    let turned: Vec<String> = (1..=14)
+        .map(|number| {
+            let name = format!("reach_{number:02}.csv");
+            let path = folder.path().join(&name);
+            std::fs::write(&path, facing_left(&format!("sample/{name}"))).unwrap();
+            path.to_str().unwrap().to_owned()
+        })
+        .collect();
+    let turned: Vec<&str> = turned.iter().map(String::as_str).collect();
+    let left = tempfile::tempdir().unwrap();
+    let output = learn(
+        left.path(),
+        &[&few[..], &turned, &["--known", known]].concat(),
+    );
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let [before, after] = [&second, &left].map(|folder| {
+        let map = json(&folder.path().join("synergies.json"))["map"].take();
+        let trials = map["trials"].as_array().unwrap().clone();
+        let cm = move |trial: &Value| trial["left_out_cm"].as_f64();
+        trials.iter().map(cm).collect::<Vec<_>>()
+    });
+    assert_eq!(before.len(), after.len());
+    for (before, after) in before.into_iter().zip(after) {
+        let [before, after] = [before, after].map(|cm| cm.unwrap_or(0.0));
+        assert!((before - after).abs() < 0.1 * before + 1e-9, "{before} {after}");
+    }
 
     let out = folder.path().to_str().unwrap();
     let transfer = |stepper| {

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::{Quaternion, UnitQuaternion};
 use sinew_learn::chain::ChainDescription;
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
@@ -180,18 +181,24 @@ impl Options {
     }
 }
 
-/// The map of a file of synergies, made for the same settings, DoFs, and way to face, as a problem.
+/// The map of a file of synergies, made for the same settings and DoFs as a problem, and turned to where its people face.
 pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> {
     let wrong = |words: String| Failure::Input(format!("{}: {words}", file.display()));
     let known = Synergies::read(file).map_err(Failure::input)?;
     let Settings { stepper, model, .. } = problem.settings;
-    let way = |chain: &ChainDescription| chain.joints.first().map(|joint| joint.rotation);
     let task = problem.tasks.first();
-    let turned = known
+    let way = |chain: &ChainDescription| {
+        let [x, y, z, w] = chain
+            .joints
+            .first()
+            .map_or([0.0, 0.0, 0.0, 1.0], |joint| joint.rotation);
+        UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+    };
+    let turn = known
         .motions
         .first()
         .zip(task)
-        .is_some_and(|(motion, task)| way(known.chain_of(motion)) != way(&task.chain));
+        .map(|(motion, task)| way(&task.chain) * way(known.chain_of(motion)).inverse());
     let same = |motion: &LearnedMotion| {
         known.settings(motion)
             == Settings {
@@ -199,9 +206,9 @@ pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> 
                 ..problem.settings
             }
     };
-    if turned || !known.motions.iter().all(same) {
+    if !known.motions.iter().all(same) {
         return Err(wrong(format!(
-            "it is not of the same kind: expected {stepper:?}, λ {}, {} Hz, {}, and people who face the same way",
+            "it is not of the same kind: expected {stepper:?}, λ {}, {} Hz, {}",
             problem.settings.lambda,
             problem.settings.rate_hz,
             if problem.settings.clamped {
@@ -228,7 +235,9 @@ pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> 
         Some(found) if found != expected => Err(wrong(format!(
             "its reaches have {found} landmarks, expected {expected}"
         ))),
-        _ => Ok(map),
+        _ => map.turned(&turn.unwrap_or_default()).ok_or_else(|| {
+            wrong("its arm is turned against this one, and not by quarter turns".to_owned())
+        }),
     }
 }
 
