@@ -196,7 +196,10 @@ fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
     assert_eq!(before.len(), after.len());
     for (before, after) in before.into_iter().zip(after) {
         let [before, after] = [before, after].map(|cm| cm.unwrap_or(0.0));
-        assert!((before - after).abs() < 0.1 * before + 1e-9, "{before} {after}");
+        assert!(
+            (before - after).abs() < 0.1 * before + 1e-9,
+            "{before} {after}"
+        );
     }
 
     let out = folder.path().to_str().unwrap();
