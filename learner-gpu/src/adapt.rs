@@ -22,7 +22,7 @@ const PARENTS: usize = OFFSPRING / 2;
 /// The first generation's standard deviation, as a share of the bounds.
 const FIRST_STEP: f64 = 0.002;
 /// It has arrived when so many generations have gained less than this share of the score,
-const PATIENCE: usize = 200;
+const PATIENCE: usize = 400;
 const WORTH: f64 = 3e-4;
 /// or when a generation's scores differ by less than this share: its valley is smooth,
 const EVEN: f64 = 3e-5;
