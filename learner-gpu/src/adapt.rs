@@ -13,7 +13,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use sinew::real::Real;
 
-use crate::kernel::proposal::{Draws, GENE, MOST_GENES};
+use crate::kernel::proposal::{Draws, GENE, MOST_GENES, parameter};
 
 /// Offspring of a generation.
 const OFFSPRING: usize = 32;
@@ -191,9 +191,9 @@ impl Cloud {
     }
 }
 
-/// A gene as a share of its bounds.
-fn share(gene: &u32) -> f64 {
-    f64::from(*gene) * (1.0 / GENE as f64)
+/// A gene as a share of its bounds: exact, for `f32` holds every gene.
+fn share(&gene: &u32) -> f64 {
+    parameter(gene, (0.0, 1.0)).into()
 }
 
 /// A number of each of the offspring.

@@ -350,19 +350,16 @@ pub fn run(
             Err(words) => bar.say(&words),
         },
     );
-    let winners = match ended {
-        Ok(Ended::Stopped) => Ok(None),
-        Ok(ended) => {
-            bar.bar.set_message("the best again in f64");
-            let winners = search.winners(problem, stop);
-            winners
-                .map(|winners| winners.map(|winners| (ended, winners)))
-                .map_err(LearnError::Task)
+    let found = ended.and_then(|ended| {
+        if ended == Ended::Stopped {
+            return Ok(None);
         }
-        Err(error) => Err(error),
-    };
+        bar.bar.set_message("the best again in f64");
+        let winners = search.winners(problem, stop)?;
+        Ok(winners.map(|winners| (ended, winners)))
+    });
     bar.bar.finish_and_clear();
-    winners.map_err(|error| match error {
+    found.map_err(|error| match error {
         LearnError::Task(error) => Failure::input(error),
         error => Failure::run(error),
     })
