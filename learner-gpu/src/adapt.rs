@@ -10,10 +10,12 @@
 //! Cholesky factor does for its root (Krause, Arbonès and Igel 2016, *CMA-ES with Optimal Covariance Update and Storage
 //! Complexity*); and that the worse half does not count (the tutorial's negative weights are 0).
 
+use fearless_simd::{Level, Simd};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use sinew::real::Real;
 
-use crate::kernel::proposal::{Draws, GENE, MOST_GENES, parameter};
+use crate::kernel::proposal::{Draws, GENE, MOST_GENES};
+use crate::lanes::{Instructions, dispatch};
 
 /// Offspring of a generation.
 const OFFSPRING: usize = 32;
@@ -35,15 +37,16 @@ const SCALE: f64 = 0.006_765_875_086_793_228;
 /// The first of its blocks of draws: what else is drawn with the same [`Draws`] takes blocks before it.
 const FIRST_BLOCK: u32 = 1 << 16;
 
-/// The best genes found from `from`, which are not among them, with their score. `scores` has some genes' scores, in order.
+/// The best point found from `from`, which is not among them, with its score. `scores` has some points' scores, in order.
+/// Points are shares of the bounds, of those that genes stand for.
 ///
 /// # Errors
 /// The first that `scores` ends with.
 pub fn adapt<E>(
-    from: &[u32],
+    from: &[f32],
     draws: &Draws,
-    mut scores: impl FnMut(&[Vec<u32>]) -> Result<Vec<f64>, E>,
-) -> Result<(Vec<u32>, f64), E> {
+    mut scores: impl FnMut(&[Vec<f32>]) -> Result<Vec<f64>, E>,
+) -> Result<(Vec<f32>, f64), E> {
     let mut cloud = Cloud::new(from);
     let mut offspring = vec![from.to_vec(); OFFSPRING];
     let mut best = (from.to_vec(), f64::INFINITY);
@@ -52,22 +55,22 @@ pub fn adapt<E>(
         let Some(root) = cloud.root() else {
             break;
         };
-        cloud.draw(&root, &normal(draws, generation), &mut offspring);
+        cloud.draw(&root, draws, generation, &mut offspring);
         let scored = scores(&offspring)?;
-        let mut order: Vec<(f64, &Vec<u32>)> = scored.into_iter().zip(&offspring).collect();
+        let mut order: Vec<(f64, &Vec<f32>)> = scored.into_iter().zip(&offspring).collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (Some(&(least, genes)), Some(&(most, _))) = (order.first(), order.last()) else {
+        let (Some(&(least, point)), Some(&(most, _))) = (order.first(), order.last()) else {
             break;
         };
         if least < best.1 {
-            best.0.clone_from(genes);
+            best.0.clone_from(point);
             best.1 = least;
         }
         let even = most - least < EVEN * least;
         let earlier = bests.len().checked_sub(PATIENCE).map(|at| bests[at]);
         let idle = earlier.is_some_and(|earlier: f64| earlier - best.1 < WORTH * best.1);
         bests.push(best.1);
-        let parents = order.iter().map(|&(_, genes)| &genes[..]);
+        let parents = order.iter().map(|&(_, point)| &point[..]);
         if even || idle || !cloud.learn(&root, parents) || cloud.reach() < FINEST {
             break;
         }
@@ -93,13 +96,13 @@ struct Cloud {
 }
 
 impl Cloud {
-    fn new(from: &[u32]) -> Self {
+    fn new(from: &[f32]) -> Self {
         let n = from.len();
         let half = (OFFSPRING + 1) as f64 / 2.0;
         let weights: [f64; PARENTS] = std::array::from_fn(|rank| (half / (rank + 1) as f64).ln());
         let sum: f64 = weights.iter().sum();
         Cloud {
-            mean: DVector::from_iterator(n, from.iter().map(share)),
+            mean: DVector::from_iterator(n, from.iter().map(|&share| share.into())),
             step: FIRST_STEP,
             covariance: DMatrix::identity(n, n),
             path: DVector::zeros(n),
@@ -114,21 +117,36 @@ impl Cloud {
         Cholesky::new(self.covariance.clone()).map(Cholesky::unpack)
     }
 
-    /// Genes at m + σ·A·z, or the nearest within the bounds.
-    fn draw(&self, root: &DMatrix<f64>, normal: &[Row; MOST_GENES], offspring: &mut [Vec<u32>]) {
-        for (k, mean) in self.mean.iter().enumerate() {
-            let mut shares = [*mean; OFFSPRING];
-            // A has nothing above its diagonal.
-            for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
-                for (share, normal) in shares.iter_mut().zip(normal) {
-                    *share += self.step * root * normal;
+    /// A generation's points at m + σ·A·z, or the nearest that genes within the bounds stand for.
+    fn draw(
+        &self,
+        root: &DMatrix<f64>,
+        draws: &Draws,
+        generation: usize,
+        offspring: &mut [Vec<f32>],
+    ) {
+        // Loops over the offspring, so that they run on SIMD lanes.
+        dispatch!(Level::new(), S => S::proof().vectorize(
+            #[inline(always)]
+            || {
+                let normal = normal(draws, generation, self.mean.len());
+                for (k, mean) in self.mean.iter().enumerate() {
+                    let mut shares = [*mean; OFFSPRING];
+                    // A has nothing above its diagonal.
+                    for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
+                        for (share, normal) in shares.iter_mut().zip(normal) {
+                            *share += self.step * root * normal;
+                        }
+                    }
+                    for (point, share) in offspring.iter_mut().zip(shares) {
+                        // The conversion puts what is below 0 on it.
+                        let gene = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
+                        // Exact: f32 holds every gene.
+                        point[k] = gene as f32 * (1.0 / GENE as f32);
+                    }
                 }
-            }
-            for (genes, share) in offspring.iter_mut().zip(shares) {
-                // The conversion puts what is below 0 on it.
-                genes[k] = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
-            }
-        }
+            },
+        ));
     }
 
     /// The greatest standard deviation of a parameter.
@@ -141,7 +159,7 @@ impl Cloud {
     fn learn<'a>(
         &mut self,
         root: &DMatrix<f64>,
-        offspring: impl Iterator<Item = &'a [u32]>,
+        offspring: impl Iterator<Item = &'a [f32]>,
     ) -> bool {
         // The numbers.
         let n = self.mean.len() as f64;
@@ -158,9 +176,9 @@ impl Cloud {
         let mut steps = DMatrix::zeros(self.mean.len(), PARENTS);
         let mut moved = DVector::zeros(self.mean.len());
         let parents = steps.column_iter_mut().zip(offspring).zip(&self.weights);
-        for ((mut step, genes), weight) in parents {
-            for ((step, gene), mean) in step.iter_mut().zip(genes).zip(self.mean.iter()) {
-                *step = (share(gene) - mean) / self.step;
+        for ((mut step, point), weight) in parents {
+            for ((step, share), mean) in step.iter_mut().zip(point).zip(self.mean.iter()) {
+                *step = (f64::from(*share) - mean) / self.step;
             }
             moved.axpy(*weight, &step, 1.0);
         }
@@ -191,20 +209,18 @@ impl Cloud {
     }
 }
 
-/// A gene as a share of its bounds: exact, for `f32` holds every gene.
-fn share(&gene: &u32) -> f64 {
-    parameter(gene, (0.0, 1.0)).into()
-}
-
 /// A number of each of the offspring.
 type Row = [f64; OFFSPRING];
 
-/// A generation's independent numbers of mean 0 and variance 1, nearly normal: sums of four uniform ones of 8 bits.
-fn normal(draws: &Draws, generation: usize) -> [Row; MOST_GENES] {
+/// A generation's independent numbers of mean 0 and variance 1, nearly normal, for `rows` parameters: sums of four uniform
+/// ones of 8 bits.
+#[inline(always)]
+fn normal(draws: &Draws, generation: usize, rows: usize) -> [Row; MOST_GENES] {
     const FOUR: usize = 4;
     let mut out = [[0.0; OFFSPRING]; MOST_GENES];
     let first = FIRST_BLOCK + (generation * OFFSPRING * MOST_GENES / FOUR) as u32;
-    for (four, rows) in out.chunks_mut(FOUR).enumerate() {
+    let fours = out.chunks_mut(FOUR).take(rows.div_ceil(FOUR));
+    for (four, rows) in fours.enumerate() {
         for member in 0..OFFSPRING {
             let block = draws.block(first + (four * OFFSPRING + member) as u32);
             for (row, draw) in rows.iter_mut().zip(block) {
@@ -230,12 +246,15 @@ mod tests {
     };
 
     /// From the middle, a score of shares of the bounds.
-    fn found(score: impl Fn(&DVector<f64>) -> f64) -> (Vec<u32>, f64) {
-        let scores = |genes: &[Vec<u32>]| {
-            let point = |genes: &Vec<u32>| DVector::from_iterator(10, genes.iter().map(share));
-            Ok::<_, Infallible>(genes.iter().map(|genes| score(&point(genes))).collect())
+    fn found(score: impl Fn(&DVector<f64>) -> f64) -> (Vec<f32>, f64) {
+        let scores = |points: &[Vec<f32>]| {
+            let each = points.iter().map(|point| {
+                let point = point.iter().map(|&share| f64::from(share));
+                score(&DVector::from_iterator(10, point))
+            });
+            Ok::<_, Infallible>(each.collect())
         };
-        adapt(&[GENE / 2; 10], &DRAWS, scores).unwrap()
+        adapt(&[0.5; 10], &DRAWS, scores).unwrap()
     }
 
     #[test]
@@ -249,41 +268,42 @@ mod tests {
             (along * along + 1e4 * across * across).sqrt() + ripple
         };
         let middle = score(&DVector::from_element(10, 0.5));
-        let (genes, least) = found(score);
+        let (point, least) = found(score);
         assert!(middle > 0.3);
         assert!(least < 0.005, "{least}");
-        assert!(genes.iter().all(|&gene| gene > GENE / 100 * 78));
+        assert!(point.iter().all(|&share| share > 0.78));
     }
 
     #[test]
     fn a_best_beyond_the_bounds_is_found_on_them() {
-        let (genes, least) = found(|at| {
+        let (point, least) = found(|at| {
             let beyond = at.add_scalar(-2.0);
             beyond.norm()
         });
         assert!((least - 10.0_f64.sqrt()).abs() < 1e-3, "{least}");
-        assert!(genes.iter().all(|&gene| gene > GENE - GENE / 1000));
+        assert!(point.iter().all(|&share| share > 0.999));
     }
 
     #[test]
     fn where_nothing_is_better_it_ends_soon_and_an_error_ends_it_at_once() {
         let mut asked = 0;
-        let scores = |genes: &[Vec<u32>]| {
-            asked += genes.len();
-            Ok::<_, Infallible>(vec![1.0; genes.len()])
+        let scores = |points: &[Vec<f32>]| {
+            asked += points.len();
+            Ok::<_, Infallible>(vec![1.0; points.len()])
         };
-        assert_eq!(adapt(&[7; 3], &DRAWS, scores).unwrap().1, 1.0);
+        let from = [0.25; 3];
+        assert_eq!(adapt(&from, &DRAWS, scores).unwrap().1, 1.0);
         assert_eq!(asked, OFFSPRING);
-        assert_eq!(adapt(&[7; 3], &DRAWS, |_| Err("stop")), Err("stop"));
+        assert_eq!(adapt(&from, &DRAWS, |_| Err("stop")), Err("stop"));
         // Scores that are no numbers.
-        let scores = |genes: &[Vec<u32>]| Ok::<_, Infallible>(vec![f64::NAN; genes.len()]);
-        assert_eq!(adapt(&[7; 3], &DRAWS, scores).unwrap().0, [7; 3]);
+        let scores = |points: &[Vec<f32>]| Ok::<_, Infallible>(vec![f64::NAN; points.len()]);
+        assert_eq!(adapt(&from, &DRAWS, scores).unwrap().0, from);
     }
 
     #[test]
     fn normal_numbers_have_mean_0_and_variance_1_and_are_independent() {
         let columns = |generation| {
-            let rows = normal(&DRAWS, generation);
+            let rows = normal(&DRAWS, generation, 5);
             std::array::from_fn::<_, OFFSPRING, _>(|member| rows.map(|row| row[member]))
         };
         let draws: Vec<_> = (0..625).flat_map(columns).collect();

@@ -28,8 +28,8 @@ use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
 use crate::problem::{Problem, Settings};
-use crate::refine::{Landscape, Start};
-use crate::synergies::score;
+use crate::refine::{Landscape, Start, shares};
+use crate::synergies::{Scorer, scorer};
 use crate::task::TaskError;
 use crate::{cpu, output};
 
@@ -67,7 +67,7 @@ const MOST_ISLANDS_POORER: usize = 8;
 /// In the end a set's best members are scored in `f64`. Where that differs from `f32` by more than this share (NJᵀ swings
 /// about its target, and the last bits of `f32` grow to some per cent), the best goes on in it until that gains less than
 /// this share; at most so often.
-const RUGGED: f64 = 1e-4;
+const RUGGED: f64 = 5e-3;
 const WORTH_EXACTLY: f64 = 0.01;
 const MOST_EXACTLY: usize = 4;
 
@@ -387,8 +387,12 @@ impl Search {
         stop: &AtomicBool,
     ) -> Result<Option<Vec<Winner>>, TaskError> {
         let began = Instant::now();
+        let tasks = problem.tasks.iter();
         let exact = Exact {
             problem,
+            scorers: tasks
+                .map(|task| scorer(&problem.settings, task))
+                .collect::<Result<_, _>>()?,
             bounds: problem.settings.bounds(problem.dofs()),
             count: AtomicU64::new(0),
             stop,
@@ -410,6 +414,8 @@ impl Search {
 /// Scores in `f64`, by the core.
 struct Exact<'a> {
     problem: &'a Problem,
+    /// Of each task.
+    scorers: Vec<Scorer<'a>>,
     bounds: Vec<(f32, f32)>,
     /// Motions that were synthesised.
     count: AtomicU64,
@@ -425,33 +431,33 @@ enum Halt {
 impl Exact<'_> {
     /// The best of a set's islands after so many generations.
     fn winner(&self, set: usize, islands: &[Island], generation: u32) -> Result<Winner, Halt> {
-        let mut best: Option<(Winner, Vec<u32>)> = None;
+        let mut best: Option<(Winner, Vec<f32>)> = None;
         let mut rugged = false;
-        for (genes, by_lanes) in finalists(islands) {
-            let winner = self.score(set, &genes)?;
+        for (point, by_lanes) in finalists(islands) {
+            let winner = self.score(set, &point)?;
             rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
             if best
                 .as_ref()
                 .is_none_or(|(best, _)| winner.mean() < best.mean())
             {
-                best = Some((winner, genes));
+                best = Some((winner, point));
             }
         }
-        let Some((mut winner, mut genes)) = best else {
+        let Some((mut winner, mut point)) = best else {
             return Ok(Winner::default());
         };
         let most = if rugged { MOST_EXACTLY } else { 0 };
         for run in 0..most {
             // The draws of a generation that the search did not get to.
             let draws = draws(self.problem, set, run, generation + 1);
-            let (found, score) = adapt(&genes, &draws, |offspring| {
-                let each = offspring.iter();
-                each.map(|genes| Ok(self.score(set, genes)?.mean()))
+            let (found, score) = adapt(&point, &draws, |offspring| {
+                let each = offspring.par_iter();
+                each.map(|point| Ok(self.score(set, point)?.mean()))
                     .collect()
             })?;
             let gained = winner.mean() - score;
             if gained > 0.0 {
-                (winner, genes) = (self.score(set, &found)?, found);
+                (winner, point) = (self.score(set, &found)?, found);
             }
             if gained < WORTH_EXACTLY * score {
                 break;
@@ -460,18 +466,19 @@ impl Exact<'_> {
         Ok(winner)
     }
 
-    fn score(&self, set: usize, genes: &[u32]) -> Result<Winner, Halt> {
+    /// At a point of the bounds.
+    fn score(&self, set: usize, point: &[f32]) -> Result<Winner, Halt> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Halt::Stopped);
         }
-        let genes = genes.iter().zip(&self.bounds);
-        let parameters: Vec<f64> = genes
-            .map(|(&gene, &bounds)| f64::from(parameter(gene, bounds)))
+        let point = point.iter().zip(&self.bounds);
+        let parameters: Vec<f64> = point
+            .map(|(&share, &(lower, upper))| (lower + (upper - lower) * share).into())
             .collect();
         let motions = self.problem.sets.get(set).into_iter().flatten();
-        let tasks = motions.filter_map(|&task| self.problem.tasks.get(task));
-        let distances: Vec<f64> = tasks
-            .map(|task| score(&self.problem.settings, task, &parameters))
+        let scorers = motions.filter_map(|&task| self.scorers.get(task));
+        let distances: Vec<f64> = scorers
+            .map(|score| score(&parameters))
             .collect::<Result<_, _>>()
             .map_err(Halt::Task)?;
         self.count
@@ -483,9 +490,9 @@ impl Exact<'_> {
     }
 }
 
-/// The genes that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
+/// The points that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
 /// members with the least scores.
-fn finalists(islands: &[Island]) -> Vec<(Vec<u32>, f64)> {
+fn finalists(islands: &[Island]) -> Vec<(Vec<f32>, f64)> {
     let each = islands.iter().flat_map(|island| {
         let members = island.scores.iter().enumerate();
         members.map(move |(member, &score)| (score, island, member))
@@ -500,7 +507,7 @@ fn finalists(islands: &[Island]) -> Vec<(Vec<u32>, f64)> {
     leaders
         .filter(|&(_, score)| score < UNSCORED)
         .chain(members.map(|&(score, island, member)| (island.member(member), score)))
-        .map(|(genes, score)| (genes, f64::from(score)))
+        .map(|(genes, score)| (shares(&genes), f64::from(score)))
         .collect()
 }
 

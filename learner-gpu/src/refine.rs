@@ -125,21 +125,22 @@ impl<'a> Landscape<'a> {
         // Threads that have no start of their own help the others with their offspring.
         let few = starts.len() < rayon::current_num_threads();
         let go_on = |&(set, genes, draws): &(usize, &[u32], Draws)| {
-            let scores = |offspring: &[Vec<u32>]| {
+            let scores = |offspring: &[Vec<f32>]| {
                 if stop.load(Ordering::Relaxed) {
                     return Err(Stopped);
                 }
                 evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
-                let each = offspring.iter().map(|genes| (set, shares(genes)));
-                let asked: Vec<(usize, Vec<f32>)> = each.collect();
+                let points: Vec<&[f32]> = offspring.iter().map(Vec::as_slice).collect();
+                let some = |points: &[&[f32]]| self.0.scores(set, points);
                 let scores = match few {
-                    true => self.scores_at(&asked),
-                    false => self.0.scores(&asked),
+                    true => points.par_chunks(MOST_LANES).flat_map(some).collect(),
+                    false => some(&points),
                 };
                 Ok(scores.into_iter().map(f64::from).collect())
             };
-            let (genes, score) = adapt(genes, &draws, scores).ok()?;
+            let (point, score) = adapt(&shares(genes), &draws, scores).ok()?;
             let score = score as f32;
+            let genes = genes_of(&point);
             Some(Floor { genes, score })
         };
         starts.par_iter().map(go_on).collect()
@@ -161,8 +162,11 @@ impl<'a> Landscape<'a> {
             .chunk_by(|a, b| a.0 == b.0)
             .flat_map(|run| run.chunks(MOST_LANES))
             .collect();
-        let scores: Vec<Vec<f32>> = runs.into_par_iter().map(|run| self.0.scores(run)).collect();
-        scores.concat()
+        let scores = runs.into_par_iter().map(|run| {
+            let points: Vec<&[f32]> = run.iter().map(|(_, point)| &point[..]).collect();
+            self.0.scores(run[0].0, &points)
+        });
+        scores.collect::<Vec<_>>().concat()
     }
 
     /// The landscape near points of the bounds, each on a set of motions.
@@ -181,8 +185,8 @@ trait Sets {
     fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor>;
     /// How many motions a set has.
     fn size(&self, set: usize) -> u64;
-    /// The scores at points of one set.
-    fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32>;
+    /// The scores at points of a set.
+    fn scores(&self, set: usize, points: &[&[f32]]) -> Vec<f32>;
     /// The slope at a point of a set, where there is the set.
     fn slope(&self, set: usize, point: &[f32]) -> Option<Slope>;
 }
@@ -200,12 +204,11 @@ impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
             .map_or(0, |valley| valley.motions.len() as u64)
     }
 
-    fn scores(&self, run: &[(usize, Vec<f32>)]) -> Vec<f32> {
-        let Some(valley) = run.first().and_then(|&(set, _)| self.get(set)) else {
-            return vec![f32::INFINITY; run.len()];
-        };
-        let points: Vec<&[f32]> = run.iter().map(|(_, point)| &point[..]).collect();
-        valley.scores(&points)
+    fn scores(&self, set: usize, points: &[&[f32]]) -> Vec<f32> {
+        match self.get(set) {
+            Some(valley) => valley.scores(points),
+            None => vec![f32::INFINITY; points.len()],
+        }
     }
 
     fn slope(&self, set: usize, point: &[f32]) -> Option<Slope> {
@@ -234,11 +237,17 @@ fn valleys<S: Instructions, const N: usize>(
 }
 
 /// The genes as shares of their bounds.
-fn shares(genes: &[u32]) -> Vec<f32> {
+pub(crate) fn shares(genes: &[u32]) -> Vec<f32> {
     genes
         .iter()
         .map(|&gene| parameter(gene, (0.0, 1.0)))
         .collect()
+}
+
+/// The genes at a point, which may be a little coarser than it.
+fn genes_of(point: &[f32]) -> Vec<u32> {
+    let genes = point.iter().map(|&share| gene(share.into(), (0.0, 1.0)));
+    genes.collect()
 }
 
 /// A set's score as a landscape over the parameters, each a share of its bounds in [0, 1].
@@ -290,11 +299,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
     fn descend(&self, start: &Start) -> (Floor, u64) {
         let mut count = 0;
         let at = self.arrive(&shares(&start.genes), start.beat, &mut count);
-        // Genes are a little coarser than what was stepped in.
-        let genes: Vec<u32> = at
-            .iter()
-            .map(|&share| gene(share.into(), (0.0, 1.0)))
-            .collect();
+        let genes = genes_of(&at);
         let score = self.scores(&[&shares(&genes)])[0];
         (Floor { genes, score }, count + 1)
     }
@@ -480,7 +485,8 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
             free,
             gradient: flat(&gradient),
             scale: flat(&scale),
-            curvature: std::array::from_fn(|a| flat(&curvature.map(|rows| rows[a]))),
+            // By reference: the whole of it is 10 kB.
+            curvature: std::array::from_fn(|a| flat(&curvature.each_ref().map(|rows| rows[a]))),
         }
     }
 
