@@ -36,7 +36,8 @@ fn distances(problem: &Problem, backend: &mut Backend, generations: u32) -> Vec<
         .run(problem, backend, generations, &stop, None, |_| {})
         .unwrap();
     let seconds = began.elapsed().as_secs_f64();
-    let winners = search.winners(problem, &stop).unwrap().unwrap();
+    let winners = search.winners(problem, &stop, None, |_| {});
+    let winners = winners.unwrap().unwrap();
     let distances: Vec<f64> = winners
         .iter()
         .map(|winner| winner.distances[0] * 100.0)

@@ -144,9 +144,47 @@ pub fn exp_of<T: Whole>(x: T) -> T {
     (p * (r * r) + r + T::one()) * k.power_of_two()
 }
 
+/// What [`sin_cos_f64_of`] and [`exp_f64_of`] ask of a number beyond [`Real`]: the whole number that a value lies nearest
+/// to, and its bits.
+#[cfg(feature = "libm")]
+pub trait WholeF64: Real {
+    /// A whole number's bits, of which the last are those of an integer.
+    type Bits: Copy;
+    /// The nearest whole number, halves to even. |`self`| is below 2⁵¹.
+    fn whole(self) -> (Self, Self::Bits);
+    /// Sine and cosine of k·π/2 + r, from those of r.
+    fn quarter(k: Self::Bits, sin_cos: (Self, Self)) -> (Self, Self);
+    /// 2ᵏ of k in [−1022, 1023].
+    fn power_of_two(k: Self::Bits) -> Self;
+}
+
 /// As [`SHIFTER`], for `f64`.
 #[cfg(feature = "libm")]
 const SHIFTER_F64: f64 = 6_755_399_441_055_744.0; // 1.5 · 2⁵²
+
+#[cfg(feature = "libm")]
+impl WholeF64 for f64 {
+    type Bits = u64;
+    #[inline(always)]
+    fn whole(self) -> (f64, u64) {
+        let shifted = self + SHIFTER_F64;
+        (shifted - SHIFTER_F64, shifted.to_bits())
+    }
+    /// On the bits: a choice between two numbers would be a branch, and a loop over joints would not become one over
+    /// lanes.
+    #[inline(always)]
+    fn quarter(k: u64, (s, c): (f64, f64)) -> (f64, f64) {
+        let (s, c) = (s.to_bits(), c.to_bits());
+        let exchanged = (s ^ c) & 0u64.wrapping_sub(k & 1);
+        let sin = (s ^ exchanged) ^ ((k & 2) << 62);
+        let cos = (c ^ exchanged) ^ ((k.wrapping_add(1) & 2) << 62);
+        (f64::from_bits(sin), f64::from_bits(cos))
+    }
+    #[inline(always)]
+    fn power_of_two(k: u64) -> f64 {
+        f64::from_bits(k.wrapping_add(1023) << 52)
+    }
+}
 
 /// [`sin_cos`] for `f64`.
 ///
@@ -157,43 +195,10 @@ const SHIFTER_F64: f64 = 6_755_399_441_055_744.0; // 1.5 · 2⁵²
 #[cfg(feature = "libm")]
 #[inline(always)]
 pub fn sin_cos_f64(x: f64) -> (f64, f64) {
-    sin_cos_within_f64(x.within(-MOST_ANGLE, MOST_ANGLE))
+    sin_cos_f64_of(x)
 }
 
-/// [`sin_cos_f64`] for what is known to lie within ±[`MOST_ANGLE`].
-///
-/// π/2 is split once: k has 13 bits at most, so that its product with a part of 40 bits is exact, and so is the
-/// difference. Which polynomial is which is decided on the bits: a choice between two numbers would be a branch, and
-/// a loop over joints would not become one over lanes.
-#[cfg(feature = "libm")]
-#[inline(always)]
-pub(crate) fn sin_cos_within_f64(x: f64) -> (f64, f64) {
-    let shifted = x * core::f64::consts::FRAC_2_PI + SHIFTER_F64;
-    let k = shifted - SHIFTER_F64;
-    let r = x - k * 1.570_796_326_794_152_3; // π/2 to 40 bits
-    let r = r - k * 7.443_547_480_486_623e-13; // the rest of it
-    let rr = r * r;
-    let p = 1.589_623_015_765_465_6e-10 * rr - 2.505_074_776_285_780_7e-8;
-    let p = p * rr + 2.755_731_362_138_572_2e-6;
-    let p = p * rr - 1.984_126_982_958_954e-4;
-    let p = p * rr + 8.333_333_333_322_118e-3;
-    let p = p * rr - 1.666_666_666_666_663e-1;
-    let s = p * rr * r + r;
-    let p = -1.135_853_652_138_768_2e-11 * rr + 2.087_570_084_197_473e-9;
-    let p = p * rr - 2.755_731_417_929_674e-7;
-    let p = p * rr + 2.480_158_728_885_170_4e-5;
-    let p = p * rr - 1.388_888_888_887_305_6e-3;
-    let p = p * rr + 4.166_666_666_666_659_5e-2;
-    let c = p * rr * rr - 0.5 * rr + 1.0;
-
-    let (s, c, k) = (s.to_bits(), c.to_bits(), shifted.to_bits());
-    let exchanged = (s ^ c) & 0u64.wrapping_sub(k & 1);
-    let sin = (s ^ exchanged) ^ ((k & 2) << 62);
-    let cos = (c ^ exchanged) ^ ((k.wrapping_add(1) & 2) << 62);
-    (f64::from_bits(sin), f64::from_bits(cos))
-}
-
-/// [`exp`] for `f64`: 2ᵏ·eʳ, with eʳ = 1 + 2u/(v − u), u and v polynomials.
+/// The exponential of `x` for `f64`.
 ///
 /// ```
 /// assert!((sinew::math::exp_f64(1.0) - core::f64::consts::E).abs() < 1e-15);
@@ -202,18 +207,56 @@ pub(crate) fn sin_cos_within_f64(x: f64) -> (f64, f64) {
 #[cfg(feature = "libm")]
 #[inline(always)]
 pub fn exp_f64(x: f64) -> f64 {
-    let x = x.within(LEAST_EXPONENT, MOST_EXPONENT);
-    let shifted = x * core::f64::consts::LOG2_E + SHIFTER_F64;
-    let k = shifted - SHIFTER_F64;
-    let r = x - k * 0.693_145_751_953_125;
-    let r = r - k * 1.428_606_820_309_417_3e-6;
+    exp_f64_of(x)
+}
+
+/// [`sin_cos_f64`] for anything that behaves as `f64`: lanes too.
+#[cfg(feature = "libm")]
+#[inline(always)]
+pub fn sin_cos_f64_of<T: WholeF64>(x: T) -> (T, T) {
+    sin_cos_within_f64_of(x.within(T::of(-MOST_ANGLE), T::of(MOST_ANGLE)))
+}
+
+/// [`sin_cos_f64_of`] for what is known to lie within ±[`MOST_ANGLE`].
+///
+/// π/2 is split once: k has 13 bits at most, so that its product with a part of 40 bits is exact, and so is the
+/// difference.
+#[cfg(feature = "libm")]
+#[inline(always)]
+pub fn sin_cos_within_f64_of<T: WholeF64>(x: T) -> (T, T) {
+    let (k, bits) = (x * T::of(core::f64::consts::FRAC_2_PI)).whole();
+    let r = x - k * T::of(1.570_796_326_794_152_3); // π/2 to 40 bits
+    let r = r - k * T::of(7.443_547_480_486_623e-13); // the rest of it
     let rr = r * r;
-    let u = (1.261_771_930_748_105_8e-4 * rr + 3.029_944_077_074_419_5e-2) * rr + 1.0;
-    let u = u * r;
-    let v = (3.001_985_051_386_644_6e-6 * rr + 2.524_483_403_496_841e-3) * rr;
-    let v = (v + 2.272_655_482_081_550_3e-1) * rr + 2.0;
-    let power = f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52);
-    (1.0 + 2.0 * (u / (v - u))) * power
+    let p = T::of(1.589_623_015_765_465_6e-10) * rr - T::of(2.505_074_776_285_780_7e-8);
+    let p = p * rr + T::of(2.755_731_362_138_572_2e-6);
+    let p = p * rr - T::of(1.984_126_982_958_954e-4);
+    let p = p * rr + T::of(8.333_333_333_322_118e-3);
+    let p = p * rr - T::of(1.666_666_666_666_663e-1);
+    let s = p * rr * r + r;
+    let p = T::of(-1.135_853_652_138_768_2e-11) * rr + T::of(2.087_570_084_197_473e-9);
+    let p = p * rr - T::of(2.755_731_417_929_674e-7);
+    let p = p * rr + T::of(2.480_158_728_885_170_4e-5);
+    let p = p * rr - T::of(1.388_888_888_887_305_6e-3);
+    let p = p * rr + T::of(4.166_666_666_666_659_5e-2);
+    let c = p * rr * rr - T::of(0.5) * rr + T::one();
+    T::quarter(bits, (s, c))
+}
+
+/// [`exp_f64`] for anything that behaves as `f64`: 2ᵏ·eʳ, with eʳ = 1 + 2u/(v − u), u and v polynomials.
+#[cfg(feature = "libm")]
+#[inline(always)]
+pub fn exp_f64_of<T: WholeF64>(x: T) -> T {
+    let x = x.within(T::of(LEAST_EXPONENT), T::of(MOST_EXPONENT));
+    let (k, bits) = (x * T::of(core::f64::consts::LOG2_E)).whole();
+    let r = x - k * T::of(0.693_145_751_953_125);
+    let r = r - k * T::of(1.428_606_820_309_417_3e-6);
+    let rr = r * r;
+    let u = (T::of(1.261_771_930_748_105_8e-4) * rr + T::of(3.029_944_077_074_419_5e-2)) * rr;
+    let u = (u + T::one()) * r;
+    let v = (T::of(3.001_985_051_386_644_6e-6) * rr + T::of(2.524_483_403_496_841e-3)) * rr;
+    let v = (v + T::of(2.272_655_482_081_550_3e-1)) * rr + T::of(2.0);
+    (T::one() + T::of(2.0) * (u / (v - u))) * T::power_of_two(bits)
 }
 
 #[cfg(all(test, feature = "libm"))]

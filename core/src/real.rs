@@ -225,7 +225,7 @@ impl Real for f64 {
     }
     #[inline(always)]
     fn sin_cos_within(self) -> (Self, Self) {
-        crate::math::sin_cos_within_f64(self)
+        crate::math::sin_cos_within_f64_of(self)
     }
     #[inline(always)]
     fn exp(self) -> Self {

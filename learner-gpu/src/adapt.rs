@@ -22,9 +22,9 @@ const OFFSPRING: usize = 32;
 /// Those of them that the next generation is drawn from, the best.
 const PARENTS: usize = OFFSPRING / 2;
 /// The first generation's standard deviation, as a share of the bounds.
-const FIRST_STEP: f64 = 0.002;
+const FIRST_STEP: f64 = 0.02;
 /// It has arrived when so many generations have gained less than this share of the score,
-const PATIENCE: usize = 400;
+const PATIENCE: usize = 200;
 const WORTH: f64 = 3e-4;
 /// or when a generation's scores differ by less than this share: its valley is smooth,
 const EVEN: f64 = 3e-5;

@@ -1,12 +1,15 @@
-//! SIMD lanes of `f32` as a [`Real`]: the core's own source, run for several members of a population at once.
+//! SIMD lanes as a [`Real`], of `f32` and of `f64`: the core's own source, run for several members of a population at once.
 //!
 //! `fearless_simd` has the registers and chooses the widest the machine has when the program runs. Every lane does
-//! what the scalar `f32` does, bit for bit: nothing here is approximate and nothing is fused.
+//! what the scalar does, bit for bit: nothing here is approximate and nothing is fused.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdMask};
-use sinew::math::{Whole, exp_of, sin_cos_of, sin_cos_within_of};
+use sinew::math::{
+    Whole, WholeF64, exp_f64_of, exp_of, sin_cos_f64_of, sin_cos_of, sin_cos_within_f64_of,
+    sin_cos_within_of,
+};
 use sinew::real::Real;
 
 /// A level of SIMD instructions whose proof of presence can be had again where it was given once.
@@ -35,108 +38,134 @@ instructions!(Avx512, Avx2, Sse2);
 #[cfg(target_arch = "aarch64")]
 instructions!(Neon);
 
-/// As many `f32` side by side as the machine's registers hold.
-#[derive(Clone, Copy, Debug)]
-pub struct Lanes<S: Simd>(S::f32s);
-
-impl<S: Instructions> Lanes<S> {
+/// Lanes of either precision.
+pub trait SideBySide: Real {
+    /// What is in one.
+    type Number: Copy + Default + From<f32> + Into<f64>;
     /// How many there are.
-    pub const COUNT: usize = <S::f32s as SimdBase<S>>::LEN;
-
+    const COUNT: usize;
     /// The first [`COUNT`](Self::COUNT) numbers of a slice, which has as many.
-    #[inline(always)]
-    pub fn load(values: &[f32]) -> Self {
-        Lanes(S::f32s::from_slice(S::proof(), values))
-    }
-
-    /// The same number in each.
-    #[inline(always)]
-    pub fn splat(value: f32) -> Self {
-        Lanes(S::f32s::splat(S::proof(), value))
-    }
-
-    /// `self`·`by` + `plus`, rounded once where the machine has that: not the bits of [`Real`]'s operators.
-    #[inline(always)]
-    pub fn times_plus(self, by: Self, plus: Self) -> Self {
-        Lanes(self.0.mul_add(by.0, plus.0))
-    }
-
+    fn load(values: &[Self::Number]) -> Self;
     /// The numbers, into a slice of as many.
-    #[inline(always)]
-    pub fn store(self, values: &mut [f32]) {
-        self.0.store_slice(values);
-    }
+    fn store(self, values: &mut [Self::Number]);
 }
 
-macro_rules! operator {
-    ($($trait:ident $method:ident),*) => {$(
-        impl<S: Simd> $trait for Lanes<S> {
+macro_rules! lanes {
+    (
+        $(#[$doc:meta])* $name:ident: $vector:ident of $scalar:ident, masks $mask:ident,
+        $sin_cos:ident, $sin_cos_within:ident, $exp:ident
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        pub struct $name<S: Simd>(S::$vector);
+
+        impl<S: Instructions> $name<S> {
+            /// The same number in each.
+            #[inline(always)]
+            pub fn splat(value: $scalar) -> Self {
+                $name(S::$vector::splat(S::proof(), value))
+            }
+        }
+
+        impl<S: Instructions> SideBySide for $name<S> {
+            type Number = $scalar;
+            const COUNT: usize = <S::$vector as SimdBase<S>>::LEN;
+            #[inline(always)]
+            fn load(values: &[$scalar]) -> Self {
+                $name(S::$vector::from_slice(S::proof(), values))
+            }
+            #[inline(always)]
+            fn store(self, values: &mut [$scalar]) {
+                self.0.store_slice(values);
+            }
+        }
+
+        lanes!(operators $name Add add, Sub sub, Mul mul, Div div);
+
+        impl<S: Simd> Neg for $name<S> {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                $name(-self.0)
+            }
+        }
+
+        impl<S: Instructions> Real for $name<S> {
+            type Mask = S::$mask;
+            const EPSILON: f64 = $scalar::EPSILON as f64;
+
+            #[inline(always)]
+            fn of(x: f64) -> Self {
+                Self::splat(x as $scalar)
+            }
+            #[inline(always)]
+            fn count(n: u32) -> Self {
+                Self::splat(n as $scalar)
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> Self::Mask {
+                self.0.simd_lt(other.0)
+            }
+            #[inline(always)]
+            fn select(mask: Self::Mask, yes: Self, no: Self) -> Self {
+                $name(mask.select(yes.0, no.0))
+            }
+            #[inline(always)]
+            fn any(mask: Self::Mask) -> bool {
+                mask.any_true()
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                $name(self.0.abs())
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $name(self.0.sqrt())
+            }
+            #[inline(always)]
+            fn sin_cos(self) -> (Self, Self) {
+                $sin_cos(self)
+            }
+            #[inline(always)]
+            fn sin_cos_within(self) -> (Self, Self) {
+                $sin_cos_within(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                $exp(self)
+            }
+            fn atan2(self, x: Self) -> Self {
+                $name(S::$vector::from_fn(S::proof(), |lane| {
+                    Real::atan2(self.0[lane], x.0[lane])
+                }))
+            }
+        }
+    };
+    (operators $name:ident $($trait:ident $method:ident),*) => {$(
+        impl<S: Simd> $trait for $name<S> {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                Lanes($trait::$method(self.0, other.0))
+                $name($trait::$method(self.0, other.0))
             }
         }
     )*};
 }
-operator!(Add add, Sub sub, Mul mul, Div div);
 
-impl<S: Simd> Neg for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Lanes(-self.0)
-    }
-}
+lanes!(
+    /// As many `f32` side by side as the machine's registers hold.
+    Lanes: f32s of f32, masks mask32s, sin_cos_of, sin_cos_within_of, exp_of
+);
+lanes!(
+    /// As many `f64` side by side as the machine's registers hold.
+    LanesF64: f64s of f64, masks mask64s, sin_cos_f64_of, sin_cos_within_f64_of, exp_f64_of
+);
 
-impl<S: Instructions> Real for Lanes<S> {
-    type Mask = S::mask32s;
-    const EPSILON: f64 = f32::EPSILON as f64;
-
+impl<S: Instructions> Lanes<S> {
+    /// `self`·`by` + `plus`, rounded once where the machine has that: not the bits of [`Real`]'s operators.
     #[inline(always)]
-    fn of(x: f64) -> Self {
-        Lanes(S::f32s::splat(S::proof(), x as f32))
-    }
-    #[inline(always)]
-    fn count(n: u32) -> Self {
-        Lanes(S::f32s::splat(S::proof(), n as f32))
-    }
-    #[inline(always)]
-    fn lt(self, other: Self) -> Self::Mask {
-        self.0.simd_lt(other.0)
-    }
-    #[inline(always)]
-    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self {
-        Lanes(mask.select(yes.0, no.0))
-    }
-    #[inline(always)]
-    fn any(mask: Self::Mask) -> bool {
-        mask.any_true()
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Lanes(self.0.abs())
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Lanes(self.0.sqrt())
-    }
-    #[inline(always)]
-    fn sin_cos(self) -> (Self, Self) {
-        sin_cos_of(self)
-    }
-    #[inline(always)]
-    fn sin_cos_within(self) -> (Self, Self) {
-        sin_cos_within_of(self)
-    }
-    #[inline(always)]
-    fn exp(self) -> Self {
-        exp_of(self)
-    }
-    fn atan2(self, x: Self) -> Self {
-        Lanes(S::f32s::from_fn(S::proof(), |lane| {
-            Real::atan2(self.0[lane], x.0[lane])
-        }))
+    pub fn times_plus(self, by: Self, plus: Self) -> Self {
+        Lanes(self.0.mul_add(by.0, plus.0))
     }
 }
 
@@ -157,6 +186,30 @@ impl<S: Instructions> Whole for Lanes<S> {
     fn power_of_two(self) -> Self {
         let k: S::u32s = (self.0 + SHIFTER).bitcast();
         Lanes(((k + 127) << 23).bitcast())
+    }
+}
+
+/// The same for `f64`.
+const SHIFTER_F64: f64 = 6_755_399_441_055_744.0; // 1.5 · 2⁵²
+
+impl<S: Instructions> WholeF64 for LanesF64<S> {
+    type Bits = S::u64s;
+    #[inline(always)]
+    fn whole(self) -> (Self, S::u64s) {
+        let shifted = self.0 + SHIFTER_F64;
+        (LanesF64(shifted - SHIFTER_F64), shifted.bitcast())
+    }
+    #[inline(always)]
+    fn quarter(k: S::u64s, (s, c): (Self, Self)) -> (Self, Self) {
+        let (s, c): (S::u64s, S::u64s) = (s.0.bitcast(), c.0.bitcast());
+        let exchanged = (s ^ c) & (S::u64s::splat(S::proof(), 0) - (k & 1));
+        let sin = (s ^ exchanged) ^ ((k & 2) << 62);
+        let cos = (c ^ exchanged) ^ (((k + 1) & 2) << 62);
+        (LanesF64(sin.bitcast()), LanesF64(cos.bitcast()))
+    }
+    #[inline(always)]
+    fn power_of_two(k: S::u64s) -> Self {
+        LanesF64(((k + 1023) << 52).bitcast())
     }
 }
 

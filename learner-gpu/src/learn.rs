@@ -1,4 +1,4 @@
-//! The search from beginning to end: rounds, progress, stopping, going on, and the winners scored again.
+//! The search: rounds, progress, stopping and going on. What comes after the last round is in [`crate::finish`].
 //!
 //! A round is
 //! 1. **anneal**: every island runs [`GENERATIONS_A_ROUND`] generations on the backend ([`crate::kernel::anneal`]);
@@ -10,26 +10,22 @@
 //! 4. **restart**: the worse half of each set's islands begins anew.
 //!
 //! The best is never lost: its island is never in the worse half. The search has settled when rounds gain little more on
-//! the whole. Then the sets alone that still gain go on with descents, and with strides through rugged valleys
-//! ([`mod@crate::adapt`]), until they do not; and in the end the best members are scored again in `f64`, and go on in it where
-//! that differs.
+//! the whole. Then the sets alone that still gain go on with descents, until they do not.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::adapt::adapt;
+use crate::finish::Winner;
 use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
 use crate::problem::{Problem, Settings};
-use crate::refine::{Landscape, Start, shares};
-use crate::synergies::{Scorer, scorer};
+use crate::refine::{Landscape, Start};
 use crate::task::TaskError;
 use crate::{cpu, output};
 
@@ -39,9 +35,8 @@ pub const GENERATIONS_A_ROUND: u32 = 16;
 /// Descents from each set's own members in a round.
 const DESCENTS: usize = 32;
 
-/// And when it goes on alone; then so many of its islands' bests also stride on.
+/// And when it goes on alone.
 const DESCENTS_ALONE: usize = 16;
-const STRIDES: usize = 2;
 
 /// Sets whose best is tried on each set in a round.
 const DONORS: usize = 8;
@@ -64,15 +59,8 @@ const MOST_POORER: u32 = 16;
 /// And its islands for each set.
 const MOST_ISLANDS_POORER: usize = 8;
 
-/// In the end a set's best members are scored in `f64`. Where that differs from `f32` by more than this share (NJᵀ swings
-/// about its target, and the last bits of `f32` grow to some per cent), the best goes on in it until that gains less than
-/// this share; at most so often.
-const RUGGED: f64 = 5e-3;
-const WORTH_EXACTLY: f64 = 0.01;
-const MOST_EXACTLY: usize = 4;
-
 /// A checkpoint is written at least this often, seconds.
-const CHECKPOINT_EVERY: f64 = 20.0;
+pub(crate) const CHECKPOINT_EVERY: f64 = 20.0;
 
 /// What goes wrong while learning.
 #[derive(Debug, thiserror::Error)]
@@ -123,6 +111,8 @@ pub struct Search {
     /// The best score of each set when it was last offered to others.
     offered: Vec<f32>,
     settled: bool,
+    /// Of the first sets, as far as the search's end has come ([`winners`](Self::winners)).
+    pub(crate) winners: Vec<Winner>,
 }
 
 /// What [`Search::run`] tells while it runs.
@@ -158,6 +148,7 @@ impl Search {
             bests: Vec::new(),
             offered: vec![f32::INFINITY; problem.sets.len()],
             settled: false,
+            winners: Vec::new(),
         }
     }
 
@@ -308,6 +299,7 @@ impl Search {
 
         self.restart(problem, &mut islands);
         self.islands = islands;
+        self.winners.clear();
         self.evaluations += count.into_inner();
         self.bests.push(self.progress(problem).best);
         self.settled = settled;
@@ -375,140 +367,6 @@ impl Search {
             mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
         }
     }
-
-    /// Each set's best parameters, chosen among the best members by the core in `f64`, with the distance in metres of each
-    /// of the set's motions. Where the two precisions differ, the best goes on in `f64`. None where `stop` was set meanwhile.
-    ///
-    /// # Errors
-    /// A task that the core refuses.
-    pub fn winners(
-        &mut self,
-        problem: &Problem,
-        stop: &AtomicBool,
-    ) -> Result<Option<Vec<Winner>>, TaskError> {
-        let began = Instant::now();
-        let tasks = problem.tasks.iter();
-        let exact = Exact {
-            problem,
-            scorers: tasks
-                .map(|task| scorer(&problem.settings, task))
-                .collect::<Result<_, _>>()?,
-            bounds: problem.settings.bounds(problem.dofs()),
-            count: AtomicU64::new(0),
-            stop,
-        };
-        let sets = self.islands.par_chunks(problem.islands.max(1)).enumerate();
-        let winners: Result<Vec<Winner>, Halt> = sets
-            .map(|(set, islands)| exact.winner(set, islands, self.generation))
-            .collect();
-        self.evaluations += exact.count.into_inner();
-        self.seconds += began.elapsed().as_secs_f64();
-        match winners {
-            Ok(winners) => Ok(Some(winners)),
-            Err(Halt::Stopped) => Ok(None),
-            Err(Halt::Task(error)) => Err(error),
-        }
-    }
-}
-
-/// Scores in `f64`, by the core.
-struct Exact<'a> {
-    problem: &'a Problem,
-    /// Of each task.
-    scorers: Vec<Scorer<'a>>,
-    bounds: Vec<(f32, f32)>,
-    /// Motions that were synthesised.
-    count: AtomicU64,
-    stop: &'a AtomicBool,
-}
-
-/// Why there is no score.
-enum Halt {
-    Task(TaskError),
-    Stopped,
-}
-
-impl Exact<'_> {
-    /// The best of a set's islands after so many generations.
-    fn winner(&self, set: usize, islands: &[Island], generation: u32) -> Result<Winner, Halt> {
-        let mut best: Option<(Winner, Vec<f32>)> = None;
-        let mut rugged = false;
-        for (point, by_lanes) in finalists(islands) {
-            let winner = self.score(set, &point)?;
-            rugged |= (winner.mean() - by_lanes).abs() > RUGGED * by_lanes;
-            if best
-                .as_ref()
-                .is_none_or(|(best, _)| winner.mean() < best.mean())
-            {
-                best = Some((winner, point));
-            }
-        }
-        let Some((mut winner, mut point)) = best else {
-            return Ok(Winner::default());
-        };
-        let most = if rugged { MOST_EXACTLY } else { 0 };
-        for run in 0..most {
-            // The draws of a generation that the search did not get to.
-            let draws = draws(self.problem, set, run, generation + 1);
-            let (found, score) = adapt(&point, &draws, |offspring| {
-                let each = offspring.par_iter();
-                each.map(|point| Ok(self.score(set, point)?.mean()))
-                    .collect()
-            })?;
-            let gained = winner.mean() - score;
-            if gained > 0.0 {
-                (winner, point) = (self.score(set, &found)?, found);
-            }
-            if gained < WORTH_EXACTLY * score {
-                break;
-            }
-        }
-        Ok(winner)
-    }
-
-    /// At a point of the bounds.
-    fn score(&self, set: usize, point: &[f32]) -> Result<Winner, Halt> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Halt::Stopped);
-        }
-        let point = point.iter().zip(&self.bounds);
-        let parameters: Vec<f64> = point
-            .map(|(&share, &(lower, upper))| (lower + (upper - lower) * share).into())
-            .collect();
-        let motions = self.problem.sets.get(set).into_iter().flatten();
-        let scorers = motions.filter_map(|&task| self.scorers.get(task));
-        let distances: Vec<f64> = scorers
-            .map(|score| score(&parameters))
-            .collect::<Result<_, _>>()
-            .map_err(Halt::Task)?;
-        self.count
-            .fetch_add(distances.len() as u64, Ordering::Relaxed);
-        Ok(Winner {
-            parameters,
-            distances,
-        })
-    }
-}
-
-/// The points that may be a set's best, with their scores: the islands' bests, for these lie in different valleys, and the
-/// members with the least scores.
-fn finalists(islands: &[Island]) -> Vec<(Vec<f32>, f64)> {
-    let each = islands.iter().flat_map(|island| {
-        let members = island.scores.iter().enumerate();
-        members.map(move |(member, &score)| (score, island, member))
-    });
-    let mut members: Vec<(f32, &Island, usize)> = each.collect();
-    members.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut leaders: Vec<&Island> = islands.iter().collect();
-    leaders.sort_by(|a, b| a.best_score.total_cmp(&b.best_score));
-    let leaders = leaders.iter().take(ISLAND / 2);
-    let leaders = leaders.map(|island| (island.best.clone(), island.best_score));
-    let members = members.iter().take(ISLAND);
-    leaders
-        .filter(|&(_, score)| score < UNSCORED)
-        .chain(members.map(|&(score, island, member)| (island.member(member), score)))
-        .map(|(genes, score)| (shares(&genes), f64::from(score)))
-        .collect()
 }
 
 /// A round, as far as its descents go.
@@ -625,7 +483,7 @@ impl Round {
         starts
     }
 
-    /// Once the search has settled as a whole: descents and strides for the sets alone that still gain, until they do not.
+    /// Once the search has settled as a whole: descents for the sets alone that still gain, until they do not.
     /// False where `stop` was set meanwhile.
     fn encores(
         mut self,
@@ -641,20 +499,10 @@ impl Round {
         };
         let mut idle = vec![0; ground.problem.sets.len()];
         let mut before = scores(islands);
-        let mut strode = vec![Vec::new(); islands.len()];
         while idle.iter().any(|&idle| idle < PATIENCE) && self.encore < MOST_ENCORES {
             self.encore += 1;
             let own = self.starts(ground, islands, |set| idle[set] < PATIENCE);
-            if !ground.descend(&own, islands, count, stop)
-                || !self.stride(
-                    ground,
-                    islands,
-                    &mut strode,
-                    |set| idle[set] < PATIENCE,
-                    count,
-                    stop,
-                )
-            {
+            if !ground.descend(&own, islands, count, stop) {
                 return false;
             }
             let after = scores(islands);
@@ -665,43 +513,6 @@ impl Round {
                 }
             }
             before = after;
-        }
-        true
-    }
-
-    /// Strides on from the best islands' bests of some sets; but not from what strides have ended with before, which
-    /// `strode` keeps of each island. False, and nothing is changed, where `stop` was set meanwhile.
-    fn stride(
-        &self,
-        ground: &Ground<'_>,
-        islands: &mut [Island],
-        strode: &mut [Vec<u32>],
-        takes_part: impl Fn(usize) -> bool,
-        count: &AtomicU64,
-        stop: &AtomicBool,
-    ) -> bool {
-        let a_set = ground.problem.islands;
-        let mut chosen = Vec::new();
-        for set in (0..ground.problem.sets.len()).filter(|&set| takes_part(set)) {
-            let mut new: Vec<usize> = (set * a_set..(set + 1) * a_set)
-                .filter(|&island| islands[island].best != strode[island])
-                .collect();
-            new.sort_by(|&a, &b| islands[a].best_score.total_cmp(&islands[b].best_score));
-            chosen.extend(new.into_iter().take(STRIDES).map(|island| (set, island)));
-        }
-        let start = |&(set, island): &(usize, usize)| {
-            let number = self.encore * a_set + island % a_set;
-            let draws = draws(ground.problem, set, number, self.generation);
-            (set, &islands[island].best[..], draws)
-        };
-        let starts: Vec<_> = chosen.iter().map(start).collect();
-        let Some(floors) = ground.landscape.adapt(&starts, count, stop) else {
-            return false;
-        };
-        for (&(_, island), floor) in chosen.iter().zip(&floors) {
-            let leader = islands[island].leader();
-            islands[island].settle(leader, floor);
-            strode[island].clone_from(&islands[island].best);
         }
         true
     }
@@ -759,7 +570,7 @@ enum Way {
     Graft,
     /// Parts drawn anew.
     Redraw,
-    /// All of it, along the line through another island's best: a valley with ripples is crossed by strides.
+    /// All of it, along the line through another island's best: that leads out of ripples.
     Along,
 }
 
@@ -819,7 +630,7 @@ struct Place {
 const MOST_BLOCKS: u32 = 1 + MOST_GENES as u32 / 4;
 
 /// The draws of a member (or a descent) of a set after `generation` generations.
-fn draws(problem: &Problem, set: usize, member: usize, generation: u32) -> Draws {
+pub(crate) fn draws(problem: &Problem, set: usize, member: usize, generation: u32) -> Draws {
     Draws {
         seed: key(problem.seed),
         set: set as u32,
@@ -904,22 +715,6 @@ fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Resul
     }
 }
 
-/// A set's best parameters.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Winner {
-    /// In the SPEC's order.
-    pub parameters: Vec<f64>,
-    /// The distance of each of the set's motions, metres.
-    pub distances: Vec<f64>,
-}
-
-impl Winner {
-    /// The mean distance, metres.
-    fn mean(&self) -> f64 {
-        self.distances.iter().sum::<f64>() / self.distances.len().max(1) as f64
-    }
-}
-
 /// Where a search's state is kept while it runs, and which search it is of.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
@@ -952,7 +747,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("4 {backend} {problem:?}");
+        let identity = format!("5 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
@@ -978,7 +773,7 @@ impl Checkpoint {
         }
     }
 
-    fn write(&self, search: &Search) -> Result<(), LearnError> {
+    pub(crate) fn write(&self, search: &Search) -> Result<(), LearnError> {
         let wrong = |error| LearnError::Checkpoint {
             path: self.path.clone(),
             error,
@@ -1080,7 +875,8 @@ mod tests {
         let problem = problem();
         let mut search = Search::new(&problem);
         run(&mut search, &problem, 64);
-        let winners = search.winners(&problem, &AtomicBool::new(false)).unwrap();
+        let stop = AtomicBool::new(false);
+        let winners = search.winners(&problem, &stop, None, |_| {}).unwrap();
         for (winner, islands) in winners.unwrap().iter().zip(search.islands.chunks(2)) {
             let best = islands
                 .iter()
@@ -1162,7 +958,7 @@ mod tests {
                 let mut search = Search::new(&problem);
                 run(&mut search, &problem, 4 * GENERATIONS_A_ROUND);
                 search
-                    .winners(&problem, &AtomicBool::new(false))
+                    .winners(&problem, &AtomicBool::new(false), None, |_| {})
                     .unwrap()
                     .unwrap()
             };

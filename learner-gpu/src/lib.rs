@@ -24,6 +24,7 @@ pub mod cpu;
 pub mod csv;
 pub mod experiment;
 pub mod export;
+pub mod finish;
 pub mod gpu;
 pub mod guess;
 pub mod kernel;

@@ -26,7 +26,7 @@ use sinew::real::Real;
 use crate::adapt::adapt;
 use crate::kernel::proposal::{Draws, MOST_GENES, gene, parameter};
 use crate::kernel::score::{Ready, mean};
-use crate::lanes::{Instructions, Lanes, dispatch};
+use crate::lanes::{Instructions, Lanes, LanesF64, SideBySide, dispatch};
 use crate::problem::{Problem, Settings, with_dofs};
 use crate::task::TaskError;
 
@@ -114,34 +114,34 @@ impl<'a> Landscape<'a> {
         starts.par_iter().map(descend).collect()
     }
 
-    /// Goes on as [`adapt`] does from genes of sets, each with draws of its own, on all threads. `evaluations` is told how
-    /// often a motion was synthesised. None where `stop` was set meanwhile.
+    /// Goes on as [`adapt`] does from points of sets, each with draws of its own, on all threads; what comes of it is a
+    /// point and its score. `evaluations` is told how often a motion was synthesised. None where `stop` was set meanwhile.
     pub fn adapt(
         &self,
-        starts: &[(usize, &[u32], Draws)],
+        starts: &[(usize, Vec<f32>, Draws)],
+        precision: Precision,
         evaluations: &AtomicU64,
         stop: &AtomicBool,
-    ) -> Option<Vec<Floor>> {
+    ) -> Option<Vec<(Vec<f32>, f64)>> {
         // Threads that have no start of their own help the others with their offspring.
         let few = starts.len() < rayon::current_num_threads();
-        let go_on = |&(set, genes, draws): &(usize, &[u32], Draws)| {
+        let go_on = |(set, from, draws): &(usize, Vec<f32>, Draws)| {
             let scores = |offspring: &[Vec<f32>]| {
                 if stop.load(Ordering::Relaxed) {
                     return Err(Stopped);
                 }
-                evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
+                evaluations.fetch_add(
+                    offspring.len() as u64 * self.0.size(*set),
+                    Ordering::Relaxed,
+                );
                 let points: Vec<&[f32]> = offspring.iter().map(Vec::as_slice).collect();
-                let some = |points: &[&[f32]]| self.0.scores(set, points);
-                let scores = match few {
+                let some = |points: &[&[f32]]| self.0.scores(precision, *set, points);
+                Ok(match few {
                     true => points.par_chunks(MOST_LANES).flat_map(some).collect(),
                     false => some(&points),
-                };
-                Ok(scores.into_iter().map(f64::from).collect())
+                })
             };
-            let (point, score) = adapt(&shares(genes), &draws, scores).ok()?;
-            let score = score as f32;
-            let genes = genes_of(&point);
-            Some(Floor { genes, score })
+            adapt(from, draws, scores).ok()
         };
         starts.par_iter().map(go_on).collect()
     }
@@ -164,9 +164,25 @@ impl<'a> Landscape<'a> {
             .collect();
         let scores = runs.into_par_iter().map(|run| {
             let points: Vec<&[f32]> = run.iter().map(|(_, point)| &point[..]).collect();
-            self.0.scores(run[0].0, &points)
+            self.0.scores(Precision::F32, run[0].0, &points)
         });
-        scores.collect::<Vec<_>>().concat()
+        let scores: Vec<Vec<f64>> = scores.collect();
+        // They were of f32.
+        scores
+            .concat()
+            .into_iter()
+            .map(|score| score as f32)
+            .collect()
+    }
+
+    /// The scores at points of a set in `f64`, the core's own to the bit.
+    pub fn exact_scores<'p>(
+        &self,
+        set: usize,
+        points: impl Iterator<Item = &'p [f32]>,
+    ) -> Vec<f64> {
+        let points: Vec<&[f32]> = points.collect();
+        self.0.scores(Precision::F64, set, &points)
     }
 
     /// The landscape near points of the bounds, each on a set of motions.
@@ -174,6 +190,15 @@ impl<'a> Landscape<'a> {
         let slope = |(set, point): &(usize, Vec<f32>)| self.0.slope(*set, point);
         asked.par_iter().filter_map(slope).collect()
     }
+}
+
+/// What a landscape is looked at in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// `f32`, as the search does.
+    F32,
+    /// `f64`, as its end does.
+    F64,
 }
 
 /// Somebody asked to stop.
@@ -186,7 +211,7 @@ trait Sets {
     /// How many motions a set has.
     fn size(&self, set: usize) -> u64;
     /// The scores at points of a set.
-    fn scores(&self, set: usize, points: &[&[f32]]) -> Vec<f32>;
+    fn scores(&self, precision: Precision, set: usize, points: &[&[f32]]) -> Vec<f64>;
     /// The slope at a point of a set, where there is the set.
     fn slope(&self, set: usize, point: &[f32]) -> Option<Slope>;
 }
@@ -204,10 +229,11 @@ impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
             .map_or(0, |valley| valley.motions.len() as u64)
     }
 
-    fn scores(&self, set: usize, points: &[&[f32]]) -> Vec<f32> {
-        match self.get(set) {
-            Some(valley) => valley.scores(points),
-            None => vec![f32::INFINITY; points.len()],
+    fn scores(&self, precision: Precision, set: usize, points: &[&[f32]]) -> Vec<f64> {
+        match (self.get(set), precision) {
+            (Some(valley), Precision::F32) => valley.scores(&valley.motions, points),
+            (Some(valley), Precision::F64) => valley.scores(&valley.exact, points),
+            (None, _) => vec![f64::INFINITY; points.len()],
         }
     }
 
@@ -224,16 +250,26 @@ fn valleys<S: Instructions, const N: usize>(
 ) -> Result<Vec<Valley<'_, S, N>>, TaskError> {
     let bounds = problem.settings.bounds(N);
     let valley = |set: &Vec<usize>| {
-        let motions = set.iter().filter_map(|&task| problem.tasks.get(task));
         Ok(Valley {
             settings: &problem.settings,
             bounds: bounds.clone(),
-            motions: motions
-                .map(|task| Ok(Ready::new(task)?.arriving(arrival)))
-                .collect::<Result<_, TaskError>>()?,
+            motions: ready(problem, set, arrival)?,
+            exact: ready(problem, set, arrival)?,
         })
     };
     problem.sets.iter().map(valley).collect()
+}
+
+/// A set's motions, ready.
+fn ready<T: Real, const N: usize>(
+    problem: &Problem,
+    set: &[usize],
+    arrival: f32,
+) -> Result<Vec<Ready<T, N>>, TaskError> {
+    let tasks = set.iter().filter_map(|&task| problem.tasks.get(task));
+    tasks
+        .map(|task| Ok(Ready::new(task)?.arriving(arrival)))
+        .collect()
 }
 
 /// The genes as shares of their bounds.
@@ -245,7 +281,7 @@ pub(crate) fn shares(genes: &[u32]) -> Vec<f32> {
 }
 
 /// The genes at a point, which may be a little coarser than it.
-fn genes_of(point: &[f32]) -> Vec<u32> {
+pub(crate) fn genes_of(point: &[f32]) -> Vec<u32> {
     let genes = point.iter().map(|&share| gene(share.into(), (0.0, 1.0)));
     genes.collect()
 }
@@ -255,6 +291,8 @@ struct Valley<'a, S: Simd, const N: usize> {
     settings: &'a Settings,
     bounds: Vec<(f32, f32)>,
     motions: Vec<Ready<Lanes<S>, N>>,
+    /// The same for lanes of `f64`.
+    exact: Vec<Ready<LanesF64<S>, N>>,
 }
 
 /// The landscape near a point: what a step is found from. Metres a whole bound, and that squared.
@@ -300,14 +338,14 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         let mut count = 0;
         let at = self.arrive(&shares(&start.genes), start.beat, &mut count);
         let genes = genes_of(&at);
-        let score = self.scores(&[&shares(&genes)])[0];
+        let score = self.score(&shares(&genes));
         (Floor { genes, score }, count + 1)
     }
 
     /// The floor from `at`.
     fn arrive(&self, at: &[f32], beat: f32, count: &mut u64) -> Vec<f32> {
         let mut at = at.to_vec();
-        let mut least = self.scores(&[&at])[0];
+        let mut least = self.score(&at);
         let mut damping = 1e-2;
         let mut apart = Vec::new();
         for step in 0..MOST_STEPS {
@@ -342,39 +380,51 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         at
     }
 
-    /// The scores of some points.
-    fn scores(&self, points: &[&[f32]]) -> Vec<f32> {
+    /// The score of a point, by lanes of `f32`.
+    fn score(&self, point: &[f32]) -> f32 {
+        let scores = self.scores(&self.motions, &[point]);
+        // It was one.
+        scores.first().map_or(f32::INFINITY, |&score| score as f32)
+    }
+
+    /// The scores of some points, by the lanes that the motions are ready for.
+    fn scores<L: SideBySide>(&self, motions: &[Ready<L, N>], points: &[&[f32]]) -> Vec<f64> {
         // Here and in `slope`, not further out: what is inside is compiled wherever it is called.
         S::proof().vectorize(
             #[inline(always)]
-            || self.scores_in_lanes(points),
+            || self.scores_in_lanes(motions, points),
         )
     }
 
     #[inline(always)]
-    fn scores_in_lanes(&self, points: &[&[f32]]) -> Vec<f32> {
+    fn scores_in_lanes<L: SideBySide>(
+        &self,
+        motions: &[Ready<L, N>],
+        points: &[&[f32]],
+    ) -> Vec<f64> {
         let mut out = Vec::with_capacity(points.len());
-        for some in points.chunks(Lanes::<S>::COUNT) {
+        for some in points.chunks(L::COUNT) {
             // Lanes without a point of their own take the last.
-            let candidates = self.candidates(|lane, k| some[lane.min(some.len() - 1)][k]);
+            let candidates = self.candidates::<L>(|lane, k| some[lane.min(some.len() - 1)][k]);
             let candidates = &candidates[..self.bounds.len()];
-            let mut scores = [0.0; 16];
-            mean(&self.motions, self.settings, candidates).store(&mut scores[..Lanes::<S>::COUNT]);
-            out.extend(&scores[..some.len()]);
+            let mut scores = [L::Number::default(); MOST_LANES];
+            let scores = &mut scores[..L::COUNT];
+            mean::<S, L, N>(motions, self.settings, candidates).store(scores);
+            out.extend(scores.iter().take(some.len()).map(|&score| score.into()));
         }
         out
     }
 
     /// The parameters at a point for each lane.
     #[inline(always)]
-    fn candidates(&self, share: impl Fn(usize, usize) -> f32) -> [Lanes<S>; MOST_GENES] {
-        let mut out = [Lanes::zero(); MOST_GENES];
+    fn candidates<L: SideBySide>(&self, share: impl Fn(usize, usize) -> f32) -> [L; MOST_GENES] {
+        let mut out = [L::zero(); MOST_GENES];
         for (k, (parameter, &(lower, upper))) in out.iter_mut().zip(&self.bounds).enumerate() {
-            let mut values = [0.0; MOST_LANES];
-            for (lane, value) in values.iter_mut().enumerate().take(Lanes::<S>::COUNT) {
-                *value = lower + (upper - lower) * share(lane, k);
+            let mut values = [L::Number::default(); MOST_LANES];
+            for (lane, value) in values.iter_mut().enumerate().take(L::COUNT) {
+                *value = (lower + (upper - lower) * share(lane, k)).into();
             }
-            *parameter = Lanes::load(&values[..Lanes::<S>::COUNT]);
+            *parameter = L::load(&values[..L::COUNT]);
         }
         out
     }
@@ -403,10 +453,11 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
             let a_vector = rows * 3 * lanes;
             apart.resize(vectors * a_vector, 0.0);
             for (v, apart) in apart.chunks_exact_mut(a_vector).enumerate() {
-                let candidates = self.candidates(|lane, k| match k == v * lanes + lane {
-                    true => at[k] + step,
-                    false => at[k],
-                });
+                let candidates =
+                    self.candidates::<Lanes<S>>(|lane, k| match k == v * lanes + lane {
+                        true => at[k] + step,
+                        false => at[k],
+                    });
                 let mut rest = apart.chunks_exact_mut(lanes);
                 motion.apart(
                     self.settings,
@@ -520,7 +571,7 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
                 candidates[k] = Lanes::splat(lower) + Lanes::splat(upper - lower) * moved;
             }
             let candidates = &candidates[..self.bounds.len()];
-            mean(&self.motions, self.settings, candidates).store(&mut out.scores[some]);
+            mean::<S, _, N>(&self.motions, self.settings, candidates).store(&mut out.scores[some]);
         }
         out
     }

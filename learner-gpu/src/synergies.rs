@@ -334,26 +334,13 @@ impl Synergies {
 /// # Errors
 /// A chain or parameters that the core refuses.
 pub fn score(settings: &Settings, task: &Task, parameters: &[f64]) -> Result<f64, TaskError> {
-    scorer(settings, task)?(parameters)
-}
-
-/// [`score`] of a task that is made ready once, for many parameters.
-pub type Scorer<'a> = Box<dyn Fn(&[f64]) -> Result<f64, TaskError> + Sync + 'a>;
-
-/// Makes a task's [`Scorer`].
-///
-/// # Errors
-/// A chain that the core refuses.
-pub fn scorer<'a>(settings: &'a Settings, task: &'a Task) -> Result<Scorer<'a>, TaskError> {
     let dofs = task.chain.joints.len();
     with_dofs!(dofs, N => {
         let ready = Ready::<f64, N>::new(task)?;
-        Ok(Box::new(move |parameters| {
-            // A score alone does not tell parameters that are refused.
-            ready
-                .synthesise(settings, parameters, 0, |_, _, _| {})
-                .map_err(|error| TaskError::Core { motion: task.name.clone(), error })?;
-            Ok(ready.score(settings, parameters))
-        }))
+        // A score alone does not tell parameters that are refused.
+        ready
+            .synthesise(settings, parameters, 0, |_, _, _| {})
+            .map_err(|error| TaskError::Core { motion: task.name.clone(), error })?;
+        Ok(ready.score(settings, parameters))
     }, else Err(TaskError::Dofs { found: dofs }))
 }

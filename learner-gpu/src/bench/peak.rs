@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use sinew::real::Real;
 
-use crate::lanes::{Instructions, Lanes, SimdLevel, dispatch};
+use crate::lanes::{Instructions, Lanes, SideBySide, SimdLevel, dispatch};
 
 /// Chains side by side: enough to fill the units' depth, few enough for 16 registers.
 const CHAINS: usize = 12;

@@ -9,9 +9,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Quaternion, UnitQuaternion};
 use sinew_learn::chain::ChainDescription;
+use sinew_learn::finish::Winner;
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
-use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search, Winner};
+use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
 use sinew_learn::map::LearnedMap;
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
@@ -354,8 +355,8 @@ pub fn run(
         if ended == Ended::Stopped {
             return Ok(None);
         }
-        bar.bar.set_message("the best again in f64");
-        let winners = search.winners(problem, stop)?;
+        let sets = problem.sets.len();
+        let winners = search.winners(problem, stop, checkpoint, |done| bar.finish(done, sets))?;
         Ok(winners.map(|winners| (ended, winners)))
     });
     bar.bar.finish_and_clear();
@@ -446,17 +447,29 @@ impl Bar {
             best,
             mean,
         } = progress;
+        self.bar.set_position((*generation).into());
         let distances = format!("best {:.3} cm, mean {:.3} cm", best * 100.0, mean * 100.0);
+        self.tell(&distances, || {
+            format!("generation {generation}/{}: {distances}", self.generations)
+        });
+    }
+
+    /// Of so many sets of motions so many are done with strides.
+    fn finish(&self, done: usize, sets: usize) {
+        let words = format!("strides: {done}/{sets}");
+        self.tell(&words, || words.clone());
+    }
+
+    fn tell(&self, message: &str, line: impl Fn() -> String) {
         if std::io::stderr().is_terminal() {
-            self.bar.set_position((*generation).into());
-            self.bar.set_message(distances);
+            self.bar.set_message(message.to_owned());
         } else if self
             .last
             .get()
             .is_none_or(|last| last.elapsed() > Duration::from_secs(5))
         {
             self.last.set(Some(Instant::now()));
-            super::tell!("generation {generation}/{}: {distances}", self.generations);
+            super::tell!("{}", line());
         }
     }
 

@@ -7,7 +7,7 @@ use sinew::real::Real;
 use super::philox::key;
 use super::proposal::{Draws, ISLAND, MOST_GENES, accepts, blocks, firsts, parameter, propose};
 use super::score::{Ready, mean};
-use crate::lanes::{Instructions, Lanes};
+use crate::lanes::{Instructions, Lanes, SideBySide};
 use crate::problem::Settings;
 use crate::refine::Floor;
 
@@ -119,7 +119,7 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
             for (parameter, values) in parameters.iter_mut().zip(&values) {
                 *parameter = Lanes::load(&values[lanes * some..][..lanes]);
             }
-            mean(self.motions, self.settings, &parameters[..count]).store(scores);
+            mean::<S, _, N>(self.motions, self.settings, &parameters[..count]).store(scores);
         }
 
         let mut taken = [false; ISLAND];

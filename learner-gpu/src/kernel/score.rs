@@ -11,28 +11,28 @@ use sinew::real::Real;
 use sinew::synergy::Synergy;
 use sinew::target::Position;
 
-use crate::lanes::{Instructions, Lanes};
+use crate::lanes::Instructions;
 use crate::problem::Settings;
 use crate::task::{Task, TaskError};
 
-/// The mean score over a set's motions of as many members as there are lanes.
+/// The mean score over a set's motions of as many members as there are lanes in a `T` of a level of instructions.
 ///
-/// For each number of DoFs and level of instructions this is compiled once, for all who call it: what is inside is large,
+/// For each number of DoFs and kind of lanes this is compiled once, for all who call it: what is inside is large,
 /// and most of what there is to compile.
 #[inline(never)]
-pub fn mean<S: Instructions, const N: usize>(
-    motions: &[Ready<Lanes<S>, N>],
+pub fn mean<S: Instructions, T: Real, const N: usize>(
+    motions: &[Ready<T, N>],
     settings: &Settings,
-    parameters: &[Lanes<S>],
-) -> Lanes<S> {
+    parameters: &[T],
+) -> T {
     S::proof().vectorize(
         #[inline(always)]
         || {
-            let mut sum = Lanes::zero();
+            let mut sum = T::zero();
             for motion in motions {
                 sum = sum + motion.score(settings, parameters);
             }
-            sum / Lanes::count(motions.len() as u32)
+            sum / T::count(motions.len() as u32)
         },
     )
 }
