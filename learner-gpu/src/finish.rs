@@ -23,7 +23,7 @@ use crate::synergies::score;
 use crate::task::TaskError;
 
 /// How many of a set's members stride on.
-const POOL: usize = 8;
+const POOL: usize = 6;
 /// As long as they gain this share, and are in the better half.
 const WORTH: f64 = 0.01;
 /// `f32` and `f64` differ so much, as a share of the score, where strides are in `f64`.
