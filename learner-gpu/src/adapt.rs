@@ -4,7 +4,7 @@
 //! Where gains leave the inverse kinematics just so stable the distance is rugged: a hundredth of the bounds aside it may
 //! be ten times as great, and ripples along the valley's floor hold a descent, which sees slopes. Offspring drawn around a
 //! mean learn the valley's shape from nothing but which of them are better, and stride over ripples: with S_D and Jᵀ they end
-//! up to a tenth below the descents. Where the distance is smooth they gain nothing, and end soon.
+//! up to a tenth below the descents. Where the distance is smooth they gain nothing.
 //!
 //! As in the tutorial, but that offspring beyond the bounds are put on them, which the covariance learns too; that its
 //! Cholesky factor does for its root (Krause, Arbonès and Igel 2016, *CMA-ES with Optimal Covariance Update and Storage

@@ -1,8 +1,8 @@
 //! The end of a search: its best members stride on ([`mod@crate::adapt`]), and what is best in `f64` has won.
 //!
 //! Descents end in ripples where the distance is rugged, so that the best member need not lie in the best valley. A *pool*
-//! of each set, the best of its islands, goes on with strides; then the better half of the pool, and so on (successive
-//! halving: Jamieson and Talwalkar 2016).
+//! of each set, islands' bests among it, goes on with strides; then the better half of those that gained, and so on
+//! (successive halving: Jamieson and Talwalkar 2016).
 //!
 //! That is in `f32`, on the lanes, like all before. But NJᵀ swings about its target, and there the last bits of `f32` grow
 //! to some per cent of the distance: strides would learn `f32`'s ripples, which `f64` has elsewhere. Where the two differ so
@@ -28,7 +28,7 @@ const POOL: usize = 6;
 const WORTH: f64 = 0.01;
 /// `f32` and `f64` differ so much, as a share of the score, where strides are in `f64`.
 const RUGGED: f64 = 5e-3;
-/// Sets for each thread between two reports: their pools are of one size, their strides are not.
+/// Sets for each thread between two reports: so many that none waits long for the slowest.
 const SETS_AT_ONCE: usize = 2;
 
 /// A set's best parameters.
@@ -60,12 +60,13 @@ impl Search {
         let landscape = Landscape::new(problem)?;
         let mut saved = Instant::now();
         let at_once = SETS_AT_ONCE * rayon::current_num_threads();
-        while self.winners.len() < problem.sets.len() {
-            report(self.winners.len());
+        let a_set = problem.islands.max(1);
+        while self.winners.len() < self.islands.len() / a_set {
+            let done = self.winners.len();
+            report(done);
             let began = Instant::now();
             let count = AtomicU64::new(0);
-            let done = self.winners.len();
-            let some = self.islands.par_chunks(problem.islands.max(1)).enumerate();
+            let some = self.islands.par_chunks(a_set).enumerate();
             let some = some.skip(done).take(at_once);
             let found: Option<Vec<Vec<f32>>> = some
                 .map(|(set, islands)| {
@@ -74,10 +75,13 @@ impl Search {
                 })
                 .collect();
             self.seconds += began.elapsed().as_secs_f64();
-            self.evaluations += count.into_inner();
             for (set, point) in found.iter().flatten().enumerate() {
                 let winner = winner(problem, done + set, point)?;
                 self.winners.push(winner);
+            }
+            // What a stop cut off is done again.
+            if found.is_some() {
+                self.evaluations += count.into_inner();
             }
             if let Some(checkpoint) = checkpoint
                 && (found.is_none() || saved.elapsed().as_secs_f64() > CHECKPOINT_EVERY)

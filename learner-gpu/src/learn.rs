@@ -177,6 +177,7 @@ impl Search {
             report(Err(self.fall_back(backend, error)?));
         }
         while self.goes_on(generations) {
+            self.winners.clear();
             let end = self.end_of_round(generations);
             if self.generation < end
                 && let Err(error) = self.advance(problem, backend, end, stop)
@@ -299,7 +300,6 @@ impl Search {
 
         self.restart(problem, &mut islands);
         self.islands = islands;
-        self.winners.clear();
         self.evaluations += count.into_inner();
         self.bests.push(self.progress(problem).best);
         self.settled = settled;

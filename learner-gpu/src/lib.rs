@@ -8,7 +8,7 @@
 //! - [`kernel`]: what runs for every member in every generation
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`choice`]: which of them is faster for a search
-//! - [`learn`]: the search from beginning to end
+//! - [`learn`], [`finish`]: the search, and its end
 //! - [`mod@bench`]: how fast each of the places is
 //! - [`refine`], [`mod@adapt`]: from a member to the floor of its valley, and on from there where that is rugged
 //! - [`map`], [`predict`]: from a new target to parameters
