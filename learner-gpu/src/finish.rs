@@ -38,6 +38,8 @@ pub struct Winner {
     pub parameters: Vec<f64>,
     /// The distance of each of the set's motions, metres.
     pub distances: Vec<f64>,
+    /// The parameters as shares of their bounds.
+    pub(crate) point: Vec<f32>,
 }
 
 /// A point of the bounds, with its score in metres.
@@ -70,7 +72,8 @@ impl Search {
             let some = some.skip(done).take(at_once);
             let found: Option<Vec<Vec<f32>>> = some
                 .map(|(set, islands)| {
-                    let pool = Pool::new(&landscape, set, islands);
+                    let within = self.winner_within(problem, set);
+                    let pool = Pool::new(&landscape, set, islands, within);
                     pool.stride(problem, self.generation, &count, stop)
                 })
                 .collect();
@@ -107,9 +110,14 @@ struct Pool<'a> {
 }
 
 impl<'a> Pool<'a> {
-    /// Of a set's islands: the member that is best in `f64`, then each island's best, for these lie in different valleys, then
-    /// what other members are best.
-    fn new(landscape: &'a Landscape<'a>, set: usize, islands: &[Island]) -> Self {
+    /// Of a set's islands: the member that is best in `f64`, or the best of the model within if that is better; then each
+    /// island's best, for these lie in different valleys, then what other members are best.
+    fn new(
+        landscape: &'a Landscape<'a>,
+        set: usize,
+        islands: &[Island],
+        within: Option<Vec<f32>>,
+    ) -> Self {
         let leaders = islands.iter().map(|island| {
             let point = shares(&island.best);
             (point, f64::from(island.best_score))
@@ -127,6 +135,10 @@ impl<'a> Pool<'a> {
         };
         let mut members = best(leaders.collect(), POOL / 2);
         members.extend(best(others.collect(), ISLAND));
+        members.extend(within.map(|point| {
+            let score = landscape.scores_at(&[(set, point.clone())]);
+            (point, score.first().copied().unwrap_or(UNSCORED).into())
+        }));
 
         let exact = landscape.exact_scores(set, members.iter().map(|(point, _)| &point[..]));
         let differs = |(exact, (_, score)): (&f64, &Scored)| (exact - score).abs() > RUGGED * score;
@@ -212,6 +224,7 @@ fn winner(problem: &Problem, set: usize, point: &[f32]) -> Result<Winner, TaskEr
     Ok(Winner {
         distances: distances.collect::<Result<_, _>>()?,
         parameters,
+        point: point.to_vec(),
     })
 }
 
@@ -289,7 +302,7 @@ mod tests {
             let problem = problem(stepper, ModelKind::C, 1);
             let search = search(&problem);
             let landscape = Landscape::new(&problem).unwrap();
-            let pool = Pool::new(&landscape, 0, &search.islands[..2]);
+            let pool = Pool::new(&landscape, 0, &search.islands[..2], None);
             assert_eq!(pool.precision, expected);
             assert_eq!(pool.members.len(), POOL);
             let points = pool.members.iter().map(|(point, _)| &point[..]);

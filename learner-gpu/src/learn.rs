@@ -54,10 +54,10 @@ const PATIENCE: u32 = 3;
 const WORTH: f32 = 1e-3;
 const MOST_ENCORES: usize = 64;
 
-/// Rounds of the search for the model within, at most.
-const MOST_POORER: u32 = 16;
+/// Generations of the search of the model within, at most.
+const MOST_WITHIN: u32 = 16 * GENERATIONS_A_ROUND;
 /// And its islands for each set.
-const MOST_ISLANDS_POORER: usize = 8;
+const MOST_ISLANDS_WITHIN: usize = 8;
 
 /// A checkpoint is written at least this often, seconds.
 pub(crate) const CHECKPOINT_EVERY: f64 = 20.0;
@@ -113,6 +113,8 @@ pub struct Search {
     settled: bool,
     /// Of the first sets, as far as the search's end has come ([`winners`](Self::winners)).
     pub(crate) winners: Vec<Winner>,
+    /// The search of the model within (S_A in S_B, S_C in S_D), ended.
+    within: Option<Box<Search>>,
 }
 
 /// What [`Search::run`] tells while it runs.
@@ -149,6 +151,17 @@ impl Search {
             offered: vec![f32::INFINITY; problem.sets.len()],
             settled: false,
             winners: Vec::new(),
+            within: None,
+        }
+    }
+
+    /// Takes another search, which has ended, for that of the model within if that is what it is: it need not be repeated,
+    /// and nothing else changes. `searched` is what the other was for.
+    pub fn build_on(&mut self, problem: &Problem, searched: &Problem, other: &Search) {
+        let same = within(problem).is_some_and(|within| within == *searched);
+        let ended = other.settled && other.winners.len() == searched.sets.len();
+        if same && ended && other.generation <= MOST_WITHIN {
+            self.within = Some(Box::new(other.clone()));
         }
     }
 
@@ -259,10 +272,10 @@ impl Search {
         };
         let mut own = round.starts(ground, &self.islands, |_| true);
         if self.bests.is_empty() {
-            let Some(poorer) = poorer(problem, &count, stop)? else {
+            if !self.search_within(problem, stop)? {
                 return Ok(false);
-            };
-            own.extend(poorer);
+            }
+            own.extend(self.starts_within(problem));
         }
         let mut islands = self.islands.clone();
         if !ground.descend(&own, &mut islands, &count, stop) {
@@ -304,6 +317,54 @@ impl Search {
         self.bests.push(self.progress(problem).best);
         self.settled = settled;
         Ok(true)
+    }
+
+    /// Ends the search of the model within, if there is one and it has not ended. False where `stop` was set meanwhile.
+    fn search_within(&mut self, problem: &Problem, stop: &AtomicBool) -> Result<bool, LearnError> {
+        let Some(poorer) = within(problem).filter(|_| self.within.is_none()) else {
+            return Ok(true);
+        };
+        let mut search = Search::new(&poorer);
+        let ended = search.run(&poorer, &mut Backend::Cpu, MOST_WITHIN, stop, None, |_| {})?;
+        if ended == Ended::Stopped || search.winners(&poorer, stop, None, |_| {})?.is_none() {
+            return Ok(false);
+        }
+        self.evaluations += search.evaluations;
+        self.within = Some(Box::new(search));
+        Ok(true)
+    }
+
+    /// A set's best of the model within, as a point of this model, which has to end no worse; none where there is no such
+    /// model.
+    pub(crate) fn winner_within(&self, problem: &Problem, set: usize) -> Option<Vec<f32>> {
+        let (_, places) = problem.settings.nested(problem.dofs())?;
+        let point = &self.within.as_ref()?.winners.get(set)?.point;
+        places.iter().map(|&k| point.get(k).copied()).collect()
+    }
+
+    /// Where the rounds of the search of the model within have ended, each of its islands' bests, as starts of this one.
+    fn starts_within(&self, problem: &Problem) -> Vec<(Place, Start)> {
+        let Some((_, places)) = problem.settings.nested(problem.dofs()) else {
+            return Vec::new();
+        };
+        let islands = self.within.iter().flat_map(|within| &within.islands);
+        let a_set = problem.islands.clamp(1, MOST_ISLANDS_WITHIN);
+        let start = |(number, found): (usize, &Island)| {
+            let set = number / a_set;
+            let place = Place {
+                island: set * problem.islands + number % a_set,
+                member: 0,
+            };
+            let start = Start {
+                set,
+                genes: places.iter().map(|&k| found.best[k]).collect(),
+                beat: f32::INFINITY,
+            };
+            (place, start)
+        };
+        let begun = islands.enumerate();
+        let begun = begun.filter(|(_, found)| found.best_score < UNSCORED);
+        begun.map(start).collect()
     }
 
     /// Sorts each set's islands, the best first, and begins the worse half of them anew.
@@ -574,50 +635,17 @@ enum Way {
     Along,
 }
 
-/// Where the search of the model within this one ends, if there is one (S_A in S_B, S_C in S_D): each of its islands'
-/// bests, as starts of this one, so that it ends no worse. None where `stop` was set meanwhile.
-fn poorer(
-    problem: &Problem,
-    count: &AtomicU64,
-    stop: &AtomicBool,
-) -> Result<Option<Vec<(Place, Start)>>, LearnError> {
-    let Some((model, places)) = problem.settings.nested(problem.dofs()) else {
-        return Ok(Some(Vec::new()));
-    };
-    let poorer = Problem {
+/// The search of the model within a problem's (S_A in S_B, S_C in S_D), if there is one.
+fn within(problem: &Problem) -> Option<Problem> {
+    let (model, _) = problem.settings.nested(problem.dofs())?;
+    Some(Problem {
         settings: Settings {
             model,
             ..problem.settings
         },
-        islands: problem.islands.min(MOST_ISLANDS_POORER),
+        islands: problem.islands.min(MOST_ISLANDS_WITHIN),
         ..problem.clone()
-    };
-    let mut search = Search::new(&poorer);
-    let most = MOST_POORER * GENERATIONS_A_ROUND;
-    if search.run(&poorer, &mut Backend::Cpu, most, stop, None, |_| {})? == Ended::Stopped {
-        return Ok(None);
-    }
-    count.fetch_add(search.evaluations, Ordering::Relaxed);
-    let start = |(island, found): (usize, &Island)| {
-        let set = island / poorer.islands.max(1);
-        let place = Place {
-            island: set * problem.islands + island % poorer.islands.max(1),
-            member: 0,
-        };
-        let start = Start {
-            set,
-            genes: places.iter().map(|&k| found.best[k]).collect(),
-            beat: f32::INFINITY,
-        };
-        (place, start)
-    };
-    let bests = search.islands.iter().enumerate();
-    Ok(Some(
-        bests
-            .filter(|(_, found)| found.best_score < UNSCORED)
-            .map(start)
-            .collect(),
-    ))
+    })
 }
 
 /// A member of the population: its island, counted over all sets, and its number there.
@@ -747,7 +775,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("5 {backend} {problem:?}");
+        let identity = format!("6 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
@@ -966,6 +994,40 @@ mod tests {
                 assert!(rich.distances[0] <= poor.distances[0] + 1e-6);
             }
         }
+    }
+
+    #[test]
+    fn a_search_that_builds_on_that_of_the_model_within_ends_with_the_same_bits_and_no_worse() {
+        let never = AtomicBool::new(false);
+        let end = |search: &mut Search, problem: &Problem| {
+            run(search, problem, 100_000);
+            let winners = search.winners(problem, &never, None, |_| {});
+            winners.unwrap().unwrap()
+        };
+        let poorer = problem();
+        let mut richer = problem();
+        richer.settings.model = ModelKind::D;
+        let mut first = Search::new(&poorer);
+        let poor = end(&mut first, &poorer);
+
+        let [mut alone, mut built, mut other] = [(); 3].map(|()| Search::new(&richer));
+        built.build_on(&richer, &poorer, &first);
+        assert!(built.within.is_some());
+        let rich = end(&mut built, &richer);
+        assert_eq!(end(&mut alone, &richer), rich);
+        assert_eq!(alone.islands, built.islands);
+        assert_eq!(alone.evaluations, built.evaluations + first.evaluations);
+        for (poor, rich) in poor.iter().zip(&rich) {
+            assert!(rich.distances[0] <= poor.distances[0]);
+        }
+
+        // Of another seed, and one that has not ended, it is not.
+        richer.seed += 1;
+        other.build_on(&richer, &poorer, &first);
+        richer.seed -= 1;
+        first.winners.pop();
+        other.build_on(&richer, &poorer, &first);
+        assert_eq!(other.within, None);
     }
 
     #[test]

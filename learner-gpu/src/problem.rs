@@ -153,7 +153,7 @@ impl Settings {
 }
 
 /// A whole search: which motions share a parameter vector, and how large the population for each vector is.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
     /// How the controller is set.
     pub settings: Settings,

@@ -7,11 +7,11 @@ use std::sync::atomic::Ordering;
 use clap::ValueEnum;
 use serde::Serialize;
 use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4, mean};
-use sinew_learn::learn::Search;
+use sinew_learn::learn::{Backend, Search};
 use sinew_learn::map;
 use sinew_learn::motion::Point;
 use sinew_learn::output;
-use sinew_learn::problem::{ModelKind, Settings, StepperKind};
+use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::speed::{Shape, correlation, hand_speed};
 use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::synthesize;
@@ -277,10 +277,15 @@ fn searches(
 ) -> Result<Option<Vec<Learned>>, Failure> {
     let stop = search::stop()?;
     let mut learned = Vec::new();
+    // The searches on the CPU: a richer model's begins where a poorer's ends, and does not repeat it.
+    let mut ended: Vec<(Problem, Search)> = Vec::new();
     let count = plan.len();
     for (k, settings) in plan.into_iter().enumerate() {
         let problem = options.problem(settings, tasks.to_vec(), false);
         let mut search = Search::new(&problem);
+        for (other, ended) in &ended {
+            search.build_on(&problem, other, ended);
+        }
         let (mut backend, why) = backend(options, &problem, &search, None)?;
         let (backend_name, device) = named(&backend);
         super::tell!("backend {backend_name}: {device}{why}");
@@ -309,6 +314,9 @@ fn searches(
             settings,
             synergies,
         });
+        if let Backend::Cpu = backend {
+            ended.push((problem, search));
+        }
     }
     Ok(Some(learned))
 }
