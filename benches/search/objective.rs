@@ -75,7 +75,7 @@ fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
     let never = AtomicBool::new(false);
     search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
     let winners = search
-        .winners(problem, &never, None, |_| {})?
+        .winners(problem, &never, None, |_, _| {})?
         .ok_or("stopped")?;
     let motions = problem.tasks.iter().zip(&winners).map(|(task, winner)| {
         json!({"name": task.name, "distance": winner.distances[0], "parameters": winner.parameters})

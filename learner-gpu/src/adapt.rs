@@ -30,6 +30,10 @@ const WORTH: f64 = 3e-4;
 const EVEN: f64 = 3e-5;
 /// or when offspring differ by less than genes can.
 const FINEST: f64 = 1.0 / GENE as f64;
+/// After so many generations, and from then on, a goal is out of reach
+const FIRST_LOOK: usize = 50;
+/// when the best is further from it than this share of it, over the number of generations.
+const HOPE: f64 = 30.0;
 /// It ends at the latest after so many generations.
 const MOST_GENERATIONS: usize = 3000;
 /// 1 / √((2¹⁶ − 1)/3): what makes a variance of 1 out of that of a sum of four bytes.
@@ -38,13 +42,15 @@ const SCALE: f64 = 0.006_765_875_086_793_228;
 const FIRST_BLOCK: u32 = 1 << 16;
 
 /// The best point found from `from`, which is not among them, with its score. `scores` has some points' scores, in order.
-/// Points are shares of the bounds, of those that genes stand for.
+/// Points are shares of the bounds, of those that genes stand for. It gives up once it will hardly become better than
+/// `goal`, a score; infinity is no goal.
 ///
 /// # Errors
 /// The first that `scores` ends with.
 pub fn adapt<E>(
     from: &[f32],
     draws: &Draws,
+    goal: f64,
     mut scores: impl FnMut(&[Vec<f32>]) -> Result<Vec<f64>, E>,
 ) -> Result<(Vec<f32>, f64), E> {
     let mut cloud = Cloud::new(from);
@@ -70,8 +76,10 @@ pub fn adapt<E>(
         let earlier = bests.len().checked_sub(PATIENCE).map(|at| bests[at]);
         let idle = earlier.is_some_and(|earlier: f64| earlier - best.1 < WORTH * best.1);
         bests.push(best.1);
+        let hope = goal * (1.0 + HOPE / bests.len() as f64);
+        let hopeless = bests.len() >= FIRST_LOOK && best.1 > hope;
         let parents = order.iter().map(|&(_, point)| &point[..]);
-        if even || idle || !cloud.learn(&root, parents) || cloud.reach() < FINEST {
+        if even || idle || hopeless || !cloud.learn(&root, parents) || cloud.reach() < FINEST {
             break;
         }
     }
@@ -254,7 +262,7 @@ mod tests {
             });
             Ok::<_, Infallible>(each.collect())
         };
-        adapt(&[0.5; 10], &DRAWS, scores).unwrap()
+        adapt(&[0.5; 10], &DRAWS, f64::INFINITY, scores).unwrap()
     }
 
     #[test]
@@ -292,12 +300,35 @@ mod tests {
             Ok::<_, Infallible>(vec![1.0; points.len()])
         };
         let from = [0.25; 3];
-        assert_eq!(adapt(&from, &DRAWS, scores).unwrap().1, 1.0);
+        assert_eq!(adapt(&from, &DRAWS, f64::INFINITY, scores).unwrap().1, 1.0);
         assert_eq!(asked, OFFSPRING);
-        assert_eq!(adapt(&from, &DRAWS, |_| Err("stop")), Err("stop"));
+        assert_eq!(
+            adapt(&from, &DRAWS, f64::INFINITY, |_| Err("stop")),
+            Err("stop")
+        );
         // Scores that are no numbers.
         let scores = |points: &[Vec<f32>]| Ok::<_, Infallible>(vec![f64::NAN; points.len()]);
-        assert_eq!(adapt(&from, &DRAWS, scores).unwrap().0, from);
+        assert_eq!(adapt(&from, &DRAWS, f64::INFINITY, scores).unwrap().0, from);
+    }
+
+    #[test]
+    fn a_goal_out_of_reach_is_given_up_and_one_within_reach_is_met() {
+        let from = [0.5; 4];
+        let ends = |goal| {
+            let mut asked = 0;
+            let scores = |points: &[Vec<f32>]| {
+                asked += points.len();
+                let far = |point: &Vec<f32>| point.iter().map(|&x| f64::from(x - 0.9).abs()).sum();
+                let far = points.iter().map(far);
+                Ok::<_, Infallible>(far.map(|far: f64| far + 0.1).collect())
+            };
+            let (_, least) = adapt(&from, &DRAWS, goal, scores).unwrap();
+            (least, asked)
+        };
+        let (least, asked) = ends(f64::INFINITY);
+        assert!((least - 0.1).abs() < 1e-3);
+        assert_eq!(ends(0.1), (least, asked));
+        assert_eq!(ends(0.01).1, FIRST_LOOK * OFFSPRING);
     }
 
     #[test]

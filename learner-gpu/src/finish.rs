@@ -1,8 +1,10 @@
 //! The end of a search: its best members stride on ([`mod@crate::adapt`]), and what is best in `f64` has won.
 //!
-//! Descents end in ripples where the distance is rugged, so that the best member need not lie in the best valley. A *pool*
-//! of each set, islands' bests among it, goes on with strides; then the better half of those that gained, and so on
-//! (successive halving: Jamieson and Talwalkar 2016).
+//! Descents end in ripples where the distance is rugged, so that the best member need not lie in the best valley. In the
+//! first turn a *pool* of each set, islands' bests among it, goes on with strides; then the better half of those that gained,
+//! and so on (successive halving: Jamieson and Talwalkar 2016). In each turn that follows what has won for other sets strides
+//! on for this one, as long as that is promising: a valley that one person's reaches have in common was found by some of
+//! them alone.
 //!
 //! That is in `f32`, on the lanes, like all before. But NJᵀ swings about its target, and there the last bits of `f32` grow
 //! to some per cent of the distance: strides would learn `f32`'s ripples, which `f64` has elsewhere. Where the two differ so
@@ -14,22 +16,26 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::kernel::anneal::{Island, UNSCORED};
-use crate::kernel::proposal::ISLAND;
+use crate::kernel::anneal::UNSCORED;
+use crate::kernel::proposal::{Draws, ISLAND};
 use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, draws};
 use crate::problem::Problem;
 use crate::refine::{Landscape, Precision, shares};
 use crate::synergies::score;
 use crate::task::TaskError;
 
-/// How many of a set's members stride on.
-const POOL: usize = 6;
-/// As long as they gain this share, and are in the better half.
+/// How many of a set's members stride on,
+const POOL: usize = 4;
+/// as long as they gain this share, and are in the better half.
 const WORTH: f64 = 0.01;
+/// How many of other sets' winners stride on in a turn after the first,
+const GUESTS: usize = 6;
+/// and how many such turns there are, at most.
+const EXCHANGES: usize = 3;
 /// `f32` and `f64` differ so much, as a share of the score, where strides are in `f64`.
 const RUGGED: f64 = 5e-3;
 /// Sets for each thread between two reports: so many that none waits long for the slowest.
-const SETS_AT_ONCE: usize = 2;
+const SETS_AT_ONCE: usize = 8;
 
 /// A set's best parameters.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -48,7 +54,7 @@ type Scored = (Vec<f32>, f64);
 impl Search {
     /// Each set's best parameters, with the distance in metres of each of the set's motions by the core in `f64`. None
     /// where `stop` was set meanwhile: `checkpoint`, where there is one, then keeps those of the sets that are done. `report`
-    /// is told how many these are.
+    /// is told the turn, and how many sets are done with it.
     ///
     /// # Errors
     /// A task that the core refuses, or a checkpoint that cannot be written.
@@ -57,33 +63,41 @@ impl Search {
         problem: &Problem,
         stop: &AtomicBool,
         checkpoint: Option<&Checkpoint>,
-        mut report: impl FnMut(usize),
+        mut report: impl FnMut(usize, usize),
     ) -> Result<Option<Vec<Winner>>, LearnError> {
         let landscape = Landscape::new(problem)?;
         let mut saved = Instant::now();
         let at_once = SETS_AT_ONCE * rayon::current_num_threads();
-        let a_set = problem.islands.max(1);
-        while self.winners.len() < self.islands.len() / a_set {
-            let done = self.winners.len();
-            report(done);
+        let sets = problem.sets.len();
+        while let Some((turn, done)) = self.due(sets) {
+            report(turn, done);
             let began = Instant::now();
             let count = AtomicU64::new(0);
-            let some = self.islands.par_chunks(a_set).enumerate();
-            let some = some.skip(done).take(at_once);
-            let found: Option<Vec<Vec<f32>>> = some
-                .map(|(set, islands)| {
-                    let within = self.winner_within(problem, set);
-                    let pool = Pool::new(&landscape, set, islands, within);
-                    pool.stride(problem, self.generation, &count, stop)
-                })
-                .collect();
+            // A generation that the search did not get to: its draws are free.
+            let generation = self.generation + 1 + turn as u32;
+            let stride = |set| {
+                let draws = |member| draws(problem, set, member, generation);
+                match turn {
+                    0 => self
+                        .pool(problem, &landscape, set)
+                        .stride(draws, &count, stop),
+                    _ => self
+                        .guests(&landscape, turn, set)
+                        .visit(draws, &count, stop),
+                }
+            };
+            let some = (done..sets).into_par_iter().take(at_once);
+            let found: Option<Vec<Vec<f32>>> = some.map(stride).collect();
             self.seconds += began.elapsed().as_secs_f64();
-            for (set, point) in found.iter().flatten().enumerate() {
-                let winner = winner(problem, done + set, point)?;
-                self.winners.push(winner);
-            }
-            // What a stop cut off is done again.
-            if found.is_some() {
+            if let Some(points) = &found {
+                let points = points.iter().enumerate();
+                let won = points.map(|(number, point)| winner(problem, done + number, point));
+                let won = won.collect::<Result<Vec<_>, _>>()?;
+                match self.turns.get_mut(turn) {
+                    Some(begun) => begun.extend(won),
+                    None => self.turns.push(won),
+                }
+                // What a stop cuts off is done again, and does not count.
                 self.evaluations += count.into_inner();
             }
             if let Some(checkpoint) = checkpoint
@@ -96,8 +110,76 @@ impl Search {
                 return Ok(None);
             }
         }
-        Ok(Some(self.winners.clone()))
+        Ok(self.won(sets).map(<[Winner]>::to_vec))
     }
+
+    /// What has won for each set, where that is known.
+    pub(crate) fn won(&self, sets: usize) -> Option<&[Winner]> {
+        let last = self.turns.last()?;
+        self.due(sets).is_none().then_some(last)
+    }
+
+    /// The turn that is due, and how many sets are done with it. None where nothing new has won, or enough turns have been.
+    fn due(&self, sets: usize) -> Option<(usize, usize)> {
+        match &self.turns[..] {
+            [.., last] if last.len() < sets => Some((self.turns.len() - 1, last.len())),
+            [.., before, last] if before == last => None,
+            turns if turns.len() > EXCHANGES => None,
+            turns => Some((turns.len(), 0)),
+        }
+    }
+
+    /// Of a set's islands: each one's best, for these lie in different valleys, then what other members are best; and the
+    /// best of the model within, which this one is to end no worse than.
+    fn pool<'a>(&self, problem: &Problem, landscape: &'a Landscape<'a>, set: usize) -> Pool<'a> {
+        let a_set = problem.islands.max(1);
+        let islands = || self.islands.iter().skip(set * a_set).take(a_set);
+        let leaders = islands().map(|island| {
+            let point = shares(&island.best);
+            (point, f64::from(island.best_score))
+        });
+        let others = islands().flat_map(|island| {
+            let members = island.scores.iter().enumerate();
+            members.map(|(member, &score)| (shares(&island.member(member)), f64::from(score)))
+        });
+        let mut members = best(leaders.collect(), POOL / 2);
+        members.extend(best(others.collect(), ISLAND));
+        let within = self.winner_within(problem, set);
+        members.extend(scored(landscape, set, within.into_iter().collect()));
+        Pool::new(landscape, set, members, POOL)
+    }
+
+    /// What has won for a set, and what is new of other sets' winners, those that are best here.
+    fn guests<'a>(&self, landscape: &'a Landscape<'a>, turn: usize, set: usize) -> Pool<'a> {
+        let turn = |back| turn.checked_sub(back).and_then(|turn| self.turns.get(turn));
+        let now = turn(1).map_or(&[][..], |winners| &winners[..]);
+        let known = |other| turn(2).and_then(|winners: &Vec<Winner>| winners.get(other));
+        let guests = now.iter().enumerate().filter(|&(other, winner)| {
+            other != set && known(other).is_none_or(|before| before != winner)
+        });
+        let guests = guests.map(|(_, winner)| winner.point.clone());
+        let guests = best(scored(landscape, set, guests.collect()), GUESTS);
+        let own = now.get(set).map(|winner| winner.point.clone());
+        let mut members = scored(landscape, set, own.into_iter().collect());
+        members.extend(guests);
+        Pool::new(landscape, set, members, 1 + GUESTS)
+    }
+}
+
+/// Points with their scores on a set.
+fn scored(landscape: &Landscape<'_>, set: usize, points: Vec<Vec<f32>>) -> Vec<Scored> {
+    let asked: Vec<(usize, Vec<f32>)> = points.into_iter().map(|point| (set, point)).collect();
+    let scores = landscape.scores_at(&asked);
+    let points = asked.into_iter().map(|(_, point)| point);
+    points.zip(scores.into_iter().map(f64::from)).collect()
+}
+
+/// The best of those that have a score.
+fn best(mut members: Vec<Scored>, most: usize) -> Vec<Scored> {
+    members.retain(|member| member.1 < UNSCORED.into());
+    members.sort_by(|a, b| a.1.total_cmp(&b.1));
+    members.truncate(most);
+    members
 }
 
 /// What goes on of a set.
@@ -106,40 +188,18 @@ struct Pool<'a> {
     set: usize,
     /// What strides are in.
     precision: Precision,
+    /// The first is the best in `f64` of all that might have gone on.
     members: Vec<Scored>,
 }
 
 impl<'a> Pool<'a> {
-    /// Of a set's islands: the member that is best in `f64`, or the best of the model within if that is better; then each
-    /// island's best, for these lie in different valleys, then what other members are best.
+    /// The member that is best in `f64`, then the first of the others.
     fn new(
         landscape: &'a Landscape<'a>,
         set: usize,
-        islands: &[Island],
-        within: Option<Vec<f32>>,
+        mut members: Vec<Scored>,
+        most: usize,
     ) -> Self {
-        let leaders = islands.iter().map(|island| {
-            let point = shares(&island.best);
-            (point, f64::from(island.best_score))
-        });
-        let others = islands.iter().flat_map(|island| {
-            let members = island.scores.iter().enumerate();
-            members.map(|(member, &score)| (shares(&island.member(member)), f64::from(score)))
-        });
-        let best = |members: Vec<Scored>, most| {
-            let begun = |member: &Scored| member.1 < UNSCORED.into();
-            let mut members: Vec<Scored> = members.into_iter().filter(begun).collect();
-            members.sort_by(|a, b| a.1.total_cmp(&b.1));
-            members.truncate(most);
-            members
-        };
-        let mut members = best(leaders.collect(), POOL / 2);
-        members.extend(best(others.collect(), ISLAND));
-        members.extend(within.map(|point| {
-            let score = landscape.scores_at(&[(set, point.clone())]);
-            (point, score.first().copied().unwrap_or(UNSCORED).into())
-        }));
-
         let exact = landscape.exact_scores(set, members.iter().map(|(point, _)| &point[..]));
         let differs = |(exact, (_, score)): (&f64, &Scored)| (exact - score).abs() > RUGGED * score;
         let rugged = exact.iter().zip(&members).any(differs);
@@ -154,7 +214,7 @@ impl<'a> Pool<'a> {
         }
         let mut pool: Vec<Scored> = Vec::new();
         for member in members {
-            if pool.len() < POOL && pool.iter().all(|other| other.0 != member.0) {
+            if pool.len() < most && pool.iter().all(|other| other.0 != member.0) {
                 pool.push(member);
             }
         }
@@ -170,43 +230,76 @@ impl<'a> Pool<'a> {
         }
     }
 
-    /// Strides on until nothing gains, and gives the point that is best in `f64` then. The draws are those of a generation
-    /// that the search did not get to. None where `stop` was set meanwhile.
+    /// Strides on until nothing gains, and gives the point that is best in `f64` then. None where `stop` was set meanwhile.
     fn stride(
         mut self,
-        problem: &Problem,
-        generation: u32,
+        draws: impl Fn(usize) -> Draws,
         count: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<f32>> {
         let mut chosen: Vec<usize> = (0..self.members.len()).collect();
         let mut run = 0;
         while !chosen.is_empty() {
-            let start = |&member: &usize| {
-                let draws = draws(problem, self.set, run * POOL + member, generation + 1);
-                (self.set, self.members[member].0.clone(), draws)
-            };
-            let starts: Vec<_> = chosen.iter().map(start).collect();
-            let ends = self.landscape.adapt(&starts, self.precision, count, stop)?;
-            let mut gains = [false; POOL];
-            for (&member, end) in chosen.iter().zip(ends) {
-                let gain = self.members[member].1 - end.1;
-                gains[member] = gain > WORTH * end.1;
-                if gain > 0.0 {
-                    self.members[member] = end;
-                }
-            }
+            let draws = |member| draws(run * POOL + member);
+            let gained = self.go_on(&chosen, f64::INFINITY, draws, count, stop)?;
             run += 1;
             let mut order: Vec<usize> = (0..self.members.len()).collect();
             order.sort_by(|&a, &b| self.members[a].1.total_cmp(&self.members[b].1));
             order.truncate(self.members.len() >> run);
-            chosen = order.into_iter().filter(|&member| gains[member]).collect();
+            order.retain(|member| gained.contains(member));
+            chosen = order;
         }
+        Some(self.best())
+    }
+
+    /// All but the first stride on as long as they may become better than it; the point that is best in `f64` then. None
+    /// where `stop` was set meanwhile.
+    fn visit(
+        mut self,
+        draws: impl Fn(usize) -> Draws,
+        count: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> Option<Vec<f32>> {
+        let guests: Vec<usize> = (1..self.members.len()).collect();
+        let goal = self.members.first().map_or(f64::INFINITY, |own| own.1);
+        self.go_on(&guests, goal, draws, count, stop)?;
+        Some(self.best())
+    }
+
+    /// Lets some members stride on for a goal, and tells which of them have gained enough to go on further.
+    fn go_on(
+        &mut self,
+        chosen: &[usize],
+        goal: f64,
+        draws: impl Fn(usize) -> Draws,
+        count: &AtomicU64,
+        stop: &AtomicBool,
+    ) -> Option<Vec<usize>> {
+        let start = |&member: &usize| (self.members[member].0.clone(), draws(member));
+        let starts: Vec<_> = chosen.iter().map(start).collect();
+        let ends = self
+            .landscape
+            .adapt(self.set, &starts, self.precision, goal, count, stop)?;
+        let mut gained = Vec::new();
+        for (&member, end) in chosen.iter().zip(ends) {
+            let gain = self.members[member].1 - end.1;
+            if gain > WORTH * end.1 {
+                gained.push(member);
+            }
+            if gain > 0.0 {
+                self.members[member] = end;
+            }
+        }
+        Some(gained)
+    }
+
+    /// The point that is best in `f64`.
+    fn best(self) -> Vec<f32> {
         let points = self.members.iter().map(|(point, _)| &point[..]);
         let exact = self.landscape.exact_scores(self.set, points);
         let members = self.members.into_iter().zip(exact);
         let best = members.min_by(|a, b| a.1.total_cmp(&b.1));
-        Some(best.map(|((point, _), _)| point).unwrap_or_default())
+        best.map(|((point, _), _)| point).unwrap_or_default()
     }
 }
 
@@ -234,7 +327,6 @@ mod tests {
     use crate::learn::{Backend, GENERATIONS_A_ROUND, Kept};
     use crate::problem::{ModelKind, Settings, StepperKind};
     use crate::task::{Arm, Task, facing};
-    use std::cell::Cell;
     use std::sync::atomic::Ordering;
 
     /// The shipped sample's first two reaches, each `times` over.
@@ -302,7 +394,7 @@ mod tests {
             let problem = problem(stepper, ModelKind::C, 1);
             let search = search(&problem);
             let landscape = Landscape::new(&problem).unwrap();
-            let pool = Pool::new(&landscape, 0, &search.islands[..2], None);
+            let pool = search.pool(&problem, &landscape, 0);
             assert_eq!(pool.precision, expected);
             assert_eq!(pool.members.len(), POOL);
             let points = pool.members.iter().map(|(point, _)| &point[..]);
@@ -310,7 +402,8 @@ mod tests {
             let least = before.iter().fold(f64::INFINITY, |a, &b| a.min(b));
             assert_eq!(least, before[0]);
             let (count, stop) = (AtomicU64::new(0), AtomicBool::new(false));
-            let point = pool.stride(&problem, 16, &count, &stop).unwrap();
+            let draws = |member| draws(&problem, 0, member, 17);
+            let point = pool.stride(draws, &count, &stop).unwrap();
             let after = winner(&problem, 0, &point).unwrap().distances[0];
             assert!(after <= least * (1.0 + 1e-5), "{after} after {least}");
             assert!(count.into_inner() > 0);
@@ -326,23 +419,54 @@ mod tests {
         let mut first = search(&problem);
         let mut whole = first.clone();
         let never = AtomicBool::new(false);
-        let winners = whole.winners(&problem, &never, None, |_| {}).unwrap();
+        let winners = whole.winners(&problem, &never, None, |_, _| {}).unwrap();
         let winners = winners.unwrap();
         assert_eq!(winners.len(), 2 * at_once);
 
-        let stop = AtomicBool::new(false);
-        let after_some = |done| stop.store(done > 0, Ordering::Relaxed);
-        let stopped = first.winners(&problem, &stop, Some(&checkpoint), after_some);
-        assert_eq!(stopped.unwrap(), None);
-        let Kept::Search(mut second) = checkpoint.read() else {
-            panic!("nothing kept");
-        };
-        let begins = Cell::new(None);
-        let again = second.winners(&problem, &never, None, |done| {
-            begins.set(begins.get().or(Some(done)));
-        });
-        assert_eq!(begins.get(), Some(at_once));
+        // In the first turn, and in the second.
+        for due in [(0, at_once), (1, at_once)] {
+            let stop = AtomicBool::new(false);
+            let when_due = |turn, done| stop.store((turn, done) == due, Ordering::Relaxed);
+            let stopped = first.winners(&problem, &stop, Some(&checkpoint), when_due);
+            assert_eq!(stopped.unwrap(), None);
+            let Kept::Search(kept) = checkpoint.read() else {
+                panic!("nothing kept");
+            };
+            first = *kept;
+            assert_eq!(first.due(problem.sets.len()), Some(due));
+            assert_eq!(first.won(problem.sets.len()), None);
+        }
+        let again = first.winners(&problem, &never, None, |_, _| {});
         assert_eq!(again.unwrap().unwrap(), winners);
-        assert_eq!(second.evaluations, whole.evaluations);
+        assert_eq!(first.evaluations, whole.evaluations);
+    }
+
+    #[test]
+    fn a_set_takes_over_what_is_better_of_another_and_visits_what_is_new_once() {
+        // The same motion twice: what is best for the one is best for the other.
+        let mut problem = problem(StepperKind::PseudoInverse, ModelKind::C, 1);
+        problem.sets = vec![vec![0], vec![0]];
+        let mut search = search(&problem);
+        let never = AtomicBool::new(false);
+        let won = search.winners(&problem, &never, None, |_, _| {});
+        let best = won.unwrap().unwrap().remove(0);
+        let poor = winner(&problem, 1, &vec![0.5; problem.genes()]).unwrap();
+        assert!(best.distances < poor.distances);
+
+        let landscape = Landscape::new(&problem).unwrap();
+        search.turns = vec![vec![best.clone(), poor.clone()]];
+        assert_eq!(search.due(2), Some((1, 0)));
+        assert_eq!(search.guests(&landscape, 1, 1).members.len(), 2);
+        let won = search.winners(&problem, &never, None, |_, _| {});
+        let won = won.unwrap().unwrap();
+        assert!(won.iter().all(|winner| winner.distances <= best.distances));
+        assert_eq!(search.turns[0], [best.clone(), poor.clone()]);
+
+        // The second has changed, the first has not.
+        search.turns = vec![vec![best.clone(), poor], vec![best.clone(), best.clone()]];
+        assert_eq!(search.due(2), Some((2, 0)));
+        assert_eq!(search.guests(&landscape, 2, 1).members.len(), 1);
+        search.turns = vec![vec![best.clone()], vec![best]];
+        assert_eq!(search.due(1), None);
     }
 }

@@ -111,8 +111,8 @@ pub struct Search {
     /// The best score of each set when it was last offered to others.
     offered: Vec<f32>,
     settled: bool,
-    /// Of the first sets, as far as the search's end has come ([`winners`](Self::winners)).
-    pub(crate) winners: Vec<Winner>,
+    /// What has won for each set after each turn of the search's end ([`winners`](Self::winners)), as far as that has come.
+    pub(crate) turns: Vec<Vec<Winner>>,
     /// The search of the model within (S_A in S_B, S_C in S_D), ended.
     within: Option<Box<Search>>,
 }
@@ -150,7 +150,7 @@ impl Search {
             bests: Vec::new(),
             offered: vec![f32::INFINITY; problem.sets.len()],
             settled: false,
-            winners: Vec::new(),
+            turns: Vec::new(),
             within: None,
         }
     }
@@ -159,7 +159,7 @@ impl Search {
     /// and nothing else changes. `searched` is what the other was for.
     pub fn build_on(&mut self, problem: &Problem, searched: &Problem, other: &Search) {
         let same = within(problem).is_some_and(|within| within == *searched);
-        let ended = other.settled && other.winners.len() == searched.sets.len();
+        let ended = other.settled && other.won(searched.sets.len()).is_some();
         if same && ended && other.generation <= MOST_WITHIN {
             self.within = Some(Box::new(other.clone()));
         }
@@ -190,7 +190,7 @@ impl Search {
             report(Err(self.fall_back(backend, error)?));
         }
         while self.goes_on(generations) {
-            self.winners.clear();
+            self.turns.clear();
             let end = self.end_of_round(generations);
             if self.generation < end
                 && let Err(error) = self.advance(problem, backend, end, stop)
@@ -326,7 +326,7 @@ impl Search {
         };
         let mut search = Search::new(&poorer);
         let ended = search.run(&poorer, &mut Backend::Cpu, MOST_WITHIN, stop, None, |_| {})?;
-        if ended == Ended::Stopped || search.winners(&poorer, stop, None, |_| {})?.is_none() {
+        if ended == Ended::Stopped || search.winners(&poorer, stop, None, |_, _| {})?.is_none() {
             return Ok(false);
         }
         self.evaluations += search.evaluations;
@@ -338,7 +338,8 @@ impl Search {
     /// model.
     pub(crate) fn winner_within(&self, problem: &Problem, set: usize) -> Option<Vec<f32>> {
         let (_, places) = problem.settings.nested(problem.dofs())?;
-        let point = &self.within.as_ref()?.winners.get(set)?.point;
+        let won = self.within.as_ref()?.won(problem.sets.len())?;
+        let point = &won.get(set)?.point;
         places.iter().map(|&k| point.get(k).copied()).collect()
     }
 
@@ -775,7 +776,7 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("6 {backend} {problem:?}");
+        let identity = format!("7 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
@@ -904,7 +905,7 @@ mod tests {
         let mut search = Search::new(&problem);
         run(&mut search, &problem, 64);
         let stop = AtomicBool::new(false);
-        let winners = search.winners(&problem, &stop, None, |_| {}).unwrap();
+        let winners = search.winners(&problem, &stop, None, |_, _| {}).unwrap();
         for (winner, islands) in winners.unwrap().iter().zip(search.islands.chunks(2)) {
             let best = islands
                 .iter()
@@ -986,7 +987,7 @@ mod tests {
                 let mut search = Search::new(&problem);
                 run(&mut search, &problem, 4 * GENERATIONS_A_ROUND);
                 search
-                    .winners(&problem, &AtomicBool::new(false), None, |_| {})
+                    .winners(&problem, &AtomicBool::new(false), None, |_, _| {})
                     .unwrap()
                     .unwrap()
             };
@@ -1001,7 +1002,7 @@ mod tests {
         let never = AtomicBool::new(false);
         let end = |search: &mut Search, problem: &Problem| {
             run(search, problem, 100_000);
-            let winners = search.winners(problem, &never, None, |_| {});
+            let winners = search.winners(problem, &never, None, |_, _| {});
             winners.unwrap().unwrap()
         };
         let poorer = problem();
@@ -1025,7 +1026,7 @@ mod tests {
         richer.seed += 1;
         other.build_on(&richer, &poorer, &first);
         richer.seed -= 1;
-        first.winners.pop();
+        first.turns.clear();
         other.build_on(&richer, &poorer, &first);
         assert_eq!(other.within, None);
     }

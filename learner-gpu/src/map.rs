@@ -485,7 +485,7 @@ fn searched(
     if ended == Ended::Stopped {
         return Ok(None);
     }
-    let winners = search.winners(problem, stop, None, |_| {})?;
+    let winners = search.winners(problem, stop, None, |_, _| {})?;
     Ok(winners.map(|all| all.into_iter().map(|one| one.parameters).collect()))
 }
 

@@ -114,34 +114,34 @@ impl<'a> Landscape<'a> {
         starts.par_iter().map(descend).collect()
     }
 
-    /// Goes on as [`adapt`] does from points of sets, each with draws of its own, on all threads; what comes of it is a
-    /// point and its score. `evaluations` is told how often a motion was synthesised. None where `stop` was set meanwhile.
+    /// Goes on as [`adapt`] does from points of a set, each with draws of its own, for a goal, on all threads; what comes of
+    /// it is a point and its score. `evaluations` is told how often a motion was synthesised. None where `stop` was set
+    /// meanwhile.
     pub fn adapt(
         &self,
-        starts: &[(usize, Vec<f32>, Draws)],
+        set: usize,
+        starts: &[(Vec<f32>, Draws)],
         precision: Precision,
+        goal: f64,
         evaluations: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<(Vec<f32>, f64)>> {
         // Threads that have no start of their own help the others with their offspring.
         let few = starts.len() < rayon::current_num_threads();
-        let go_on = |(set, from, draws): &(usize, Vec<f32>, Draws)| {
+        let go_on = |(from, draws): &(Vec<f32>, Draws)| {
             let scores = |offspring: &[Vec<f32>]| {
                 if stop.load(Ordering::Relaxed) {
                     return Err(Stopped);
                 }
-                evaluations.fetch_add(
-                    offspring.len() as u64 * self.0.size(*set),
-                    Ordering::Relaxed,
-                );
+                evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
                 let points: Vec<&[f32]> = offspring.iter().map(Vec::as_slice).collect();
-                let some = |points: &[&[f32]]| self.0.scores(precision, *set, points);
+                let some = |points: &[&[f32]]| self.0.scores(precision, set, points);
                 Ok(match few {
                     true => points.par_chunks(MOST_LANES).flat_map(some).collect(),
                     false => some(&points),
                 })
             };
-            adapt(from, draws, scores).ok()
+            adapt(from, draws, goal, scores).ok()
         };
         starts.par_iter().map(go_on).collect()
     }

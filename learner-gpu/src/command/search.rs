@@ -356,7 +356,8 @@ pub fn run(
             return Ok(None);
         }
         let sets = problem.sets.len();
-        let winners = search.winners(problem, stop, checkpoint, |done| bar.finish(done, sets))?;
+        let report = |turn, done| bar.finish(turn, done, sets);
+        let winners = search.winners(problem, stop, checkpoint, report)?;
         Ok(winners.map(|winners| (ended, winners)))
     });
     bar.bar.finish_and_clear();
@@ -454,9 +455,9 @@ impl Bar {
         });
     }
 
-    /// Of so many sets of motions so many are done with strides.
-    fn finish(&self, done: usize, sets: usize) {
-        let words = format!("strides: {done}/{sets}");
+    /// Of so many sets of motions so many are done with strides in this turn.
+    fn finish(&self, turn: usize, done: usize, sets: usize) {
+        let words = format!("strides, turn {}: {done}/{sets}", turn + 1);
         self.tell(&words, || words.clone());
     }
 
