@@ -16,7 +16,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::kernel::anneal::UNSCORED;
+use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND};
 use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, draws};
 use crate::problem::Problem;
@@ -32,6 +32,10 @@ const WORTH: f64 = 0.01;
 const GUESTS: usize = 6;
 /// and how many such turns there are, at most.
 const EXCHANGES: usize = 3;
+/// Where strides gained less than this share it is smooth: descents from others' bests have found most of what there is,
+const SMOOTH: f64 = 1e-3;
+/// and fewer guests do.
+const GUESTS_WHERE_SMOOTH: usize = 2;
 /// `f32` and `f64` differ so much, as a share of the score, where strides are in `f64`.
 const RUGGED: f64 = 5e-3;
 /// Sets for each thread between two reports: so many that none waits long for the slowest.
@@ -82,7 +86,7 @@ impl Search {
                         .pool(problem, &landscape, set)
                         .stride(draws, &count, stop),
                     _ => self
-                        .guests(&landscape, turn, set)
+                        .guests(problem, &landscape, turn, set)
                         .visit(draws, &count, stop),
                 }
             };
@@ -132,13 +136,12 @@ impl Search {
     /// Of a set's islands: each one's best, for these lie in different valleys, then what other members are best; and the
     /// best of the model within, which this one is to end no worse than.
     fn pool<'a>(&self, problem: &Problem, landscape: &'a Landscape<'a>, set: usize) -> Pool<'a> {
-        let a_set = problem.islands.max(1);
-        let islands = || self.islands.iter().skip(set * a_set).take(a_set);
-        let leaders = islands().map(|island| {
+        let islands = islands(&self.islands, problem, set);
+        let leaders = islands.iter().map(|island| {
             let point = shares(&island.best);
             (point, f64::from(island.best_score))
         });
-        let others = islands().flat_map(|island| {
+        let others = islands.iter().flat_map(|island| {
             let members = island.scores.iter().enumerate();
             members.map(|(member, &score)| (shares(&island.member(member)), f64::from(score)))
         });
@@ -150,7 +153,13 @@ impl Search {
     }
 
     /// What has won for a set, and what is new of other sets' winners, those that are best here.
-    fn guests<'a>(&self, landscape: &'a Landscape<'a>, turn: usize, set: usize) -> Pool<'a> {
+    fn guests<'a>(
+        &self,
+        problem: &Problem,
+        landscape: &'a Landscape<'a>,
+        turn: usize,
+        set: usize,
+    ) -> Pool<'a> {
         let turn = |back| turn.checked_sub(back).and_then(|turn| self.turns.get(turn));
         let now = turn(1).map_or(&[][..], |winners| &winners[..]);
         let known = |other| turn(2).and_then(|winners: &Vec<Winner>| winners.get(other));
@@ -158,12 +167,34 @@ impl Search {
             other != set && known(other).is_none_or(|before| before != winner)
         });
         let guests = guests.map(|(_, winner)| winner.point.clone());
-        let guests = best(scored(landscape, set, guests.collect()), GUESTS);
+        let most = match self.is_rugged(problem, set) {
+            true => GUESTS,
+            false => GUESTS_WHERE_SMOOTH,
+        };
+        let guests = best(scored(landscape, set, guests.collect()), most);
         let own = now.get(set).map(|winner| winner.point.clone());
         let mut members = scored(landscape, set, own.into_iter().collect());
         members.extend(guests);
         Pool::new(landscape, set, members, 1 + GUESTS)
     }
+
+    /// Whether strides have gained something over a set's islands.
+    fn is_rugged(&self, problem: &Problem, set: usize) -> bool {
+        let islands = islands(&self.islands, problem, set);
+        let before = islands.iter().map(|island| f64::from(island.best_score));
+        let before = before.fold(f64::INFINITY, f64::min);
+        let first = self.turns.first().and_then(|winners| winners.get(set));
+        first.is_some_and(|winner| {
+            let after = winner.distances.iter().sum::<f64>() / winner.distances.len() as f64;
+            (before - after).abs() > SMOOTH * after
+        })
+    }
+}
+
+/// A set's islands, of all.
+fn islands<'a>(all: &'a [Island], problem: &Problem, set: usize) -> &'a [Island] {
+    let mut sets = all.chunks(problem.islands.max(1));
+    sets.nth(set).unwrap_or_default()
 }
 
 /// Points with their scores on a set.
@@ -456,7 +487,7 @@ mod tests {
         let landscape = Landscape::new(&problem).unwrap();
         search.turns = vec![vec![best.clone(), poor.clone()]];
         assert_eq!(search.due(2), Some((1, 0)));
-        assert_eq!(search.guests(&landscape, 1, 1).members.len(), 2);
+        assert_eq!(search.guests(&problem, &landscape, 1, 1).members.len(), 2);
         let won = search.winners(&problem, &never, None, |_, _| {});
         let won = won.unwrap().unwrap();
         assert!(won.iter().all(|winner| winner.distances <= best.distances));
@@ -465,7 +496,7 @@ mod tests {
         // The second has changed, the first has not.
         search.turns = vec![vec![best.clone(), poor], vec![best.clone(), best.clone()]];
         assert_eq!(search.due(2), Some((2, 0)));
-        assert_eq!(search.guests(&landscape, 2, 1).members.len(), 1);
+        assert_eq!(search.guests(&problem, &landscape, 2, 1).members.len(), 1);
         search.turns = vec![vec![best.clone()], vec![best]];
         assert_eq!(search.due(1), None);
     }
