@@ -1,8 +1,10 @@
-//! The learner's side of the comparison with other optimisers: its own results, and the score they are to lower.
+//! The learner's side of the comparison with other optimisers: its own results, and the score they are to lower. And what
+//! the search finds where it is not let stop.
 //!
 //! ```text
 //! search ours STEPPER MODEL [SEED [GENERATIONS]]   # JSON: each motion's name, distance and share of evaluations
 //! search objective STEPPER MODEL MOTION            # scores candidates for who asks through its input
+//! search longer STEPPER MODEL SEED…                # for each seed what TIMES as many generations gain
 //! ```
 //!
 //! A question is two `u32` (how many candidates; 0 for the lanes' score, 1 for the `f64` one) and the candidates'
@@ -17,8 +19,9 @@ use std::sync::atomic::AtomicBool;
 
 use serde::de::DeserializeOwned;
 use serde_json::json;
+use sinew_learn::finish::Winner;
 use sinew_learn::kernel::proposal::{GENE, parameter};
-use sinew_learn::learn::{Backend, Search};
+use sinew_learn::learn::{Backend, GENERATIONS_A_ROUND, Search};
 use sinew_learn::problem::Problem;
 use sinew_learn::refine::Landscape;
 use sinew_learn::sample;
@@ -31,6 +34,8 @@ type Failure = Box<dyn Error>;
 const ISLANDS: usize = 8;
 /// And the most generations.
 const GENERATIONS: u32 = 1000;
+/// So many times as many generations `longer` runs.
+const TIMES: u32 = 10;
 
 fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = env::args().skip(1).collect();
@@ -51,7 +56,16 @@ fn main() -> Result<(), Failure> {
             problem.sets = vec![vec![0]];
             answer(&problem)
         }
-        _ => Err("search ours|objective STEPPER MODEL …".into()),
+        ["longer", stepper, model, ref seeds @ ..] => {
+            let mut problem = reaches(stepper, model)?;
+            println!("seed generations  mean cm generations  mean cm  gain");
+            for seed in seeds {
+                problem.seed = seed.parse()?;
+                longer(&problem)?;
+            }
+            Ok(())
+        }
+        _ => Err("search ours|objective|longer STEPPER MODEL …".into()),
     }
 }
 
@@ -72,11 +86,7 @@ fn reaches(stepper: &str, model: &str) -> Result<Problem, Failure> {
 /// What the learner's search ends with.
 fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
     let mut search = Search::new(problem);
-    let never = AtomicBool::new(false);
-    search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
-    let winners = search
-        .winners(problem, &never, None, |_, _| {})?
-        .ok_or("stopped")?;
+    let winners = end(&mut search, problem, most)?;
     let motions = problem.tasks.iter().zip(&winners).map(|(task, winner)| {
         json!({"name": task.name, "distance": winner.distances[0], "parameters": winner.parameters})
     });
@@ -87,6 +97,40 @@ fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
         "evaluations": search.evaluations / problem.sets.len() as u64,
         "seconds": search.seconds,
     }))
+}
+
+/// Runs to the end.
+fn end(search: &mut Search, problem: &Problem, most: u32) -> Result<Vec<Winner>, Failure> {
+    let never = AtomicBool::new(false);
+    search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
+    let winners = search.winners(problem, &never, None, |_, _| {})?;
+    winners.ok_or("stopped".into())
+}
+
+/// Where the search ends, and where it does when it goes on though it has settled.
+fn longer(problem: &Problem) -> Result<(), Failure> {
+    let mean = |winners: &[Winner]| {
+        let distances = winners.iter().map(|winner| winner.distances[0]);
+        100.0 * distances.sum::<f64>() / winners.len() as f64
+    };
+    let mut search = Search::new(problem);
+    let first = mean(&end(&mut search, problem, GENERATIONS)?);
+    let generations = search.generation;
+    let never = AtomicBool::new(false);
+    while search.generation < TIMES * generations {
+        search.unsettle();
+        let most = search.generation + GENERATIONS_A_ROUND;
+        search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
+    }
+    let most = search.generation;
+    let last = mean(&end(&mut search, problem, most)?);
+    let gain = 100.0 * (1.0 - last / first);
+    let seed = problem.seed;
+    println!(
+        "{seed:4} {generations:11} {first:8.4} {:11} {last:8.4} {gain:4.2} %",
+        search.generation
+    );
+    Ok(())
 }
 
 /// Scores candidates until there are no more questions.

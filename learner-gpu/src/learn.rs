@@ -237,6 +237,11 @@ impl Search {
             .min(generations)
     }
 
+    /// Forgets that rounds gain nothing more: [`run`](Self::run) runs another.
+    pub fn unsettle(&mut self) {
+        self.settled = false;
+    }
+
     /// Whether there are generations to run, or a last round to end.
     fn goes_on(&self, generations: u32) -> bool {
         let rounds = self.generation.div_ceil(GENERATIONS_A_ROUND) as usize;
