@@ -19,6 +19,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::de::DeserializeOwned;
 use serde_json::json;
+use sinew_learn::experiment::mean;
 use sinew_learn::finish::Winner;
 use sinew_learn::kernel::proposal::{GENE, parameter};
 use sinew_learn::learn::{Backend, GENERATIONS_A_ROUND, Search};
@@ -86,7 +87,8 @@ fn reaches(stepper: &str, model: &str) -> Result<Problem, Failure> {
 /// What the learner's search ends with.
 fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
     let mut search = Search::new(problem);
-    let winners = end(&mut search, problem, most)?;
+    rounds(&mut search, problem, most)?;
+    let winners = winners(&mut search, problem)?;
     let motions = problem.tasks.iter().zip(&winners).map(|(task, winner)| {
         json!({"name": task.name, "distance": winner.distances[0], "parameters": winner.parameters})
     });
@@ -99,31 +101,35 @@ fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
     }))
 }
 
-/// Runs to the end.
-fn end(search: &mut Search, problem: &Problem, most: u32) -> Result<Vec<Winner>, Failure> {
+/// Runs rounds.
+fn rounds(search: &mut Search, problem: &Problem, most: u32) -> Result<(), Failure> {
     let never = AtomicBool::new(false);
     search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
-    let winners = search.winners(problem, &never, None, |_, _| {})?;
+    Ok(())
+}
+
+/// What has won after rounds that have run.
+fn winners(search: &mut Search, problem: &Problem) -> Result<Vec<Winner>, Failure> {
+    let winners = search.winners(problem, &AtomicBool::new(false), None, |_, _| {})?;
     winners.ok_or("stopped".into())
 }
 
 /// Where the search ends, and where it does when it goes on though it has settled.
 fn longer(problem: &Problem) -> Result<(), Failure> {
-    let mean = |winners: &[Winner]| {
-        let distances = winners.iter().map(|winner| winner.distances[0]);
-        100.0 * distances.sum::<f64>() / winners.len() as f64
+    let end = |search: &mut Search| {
+        let winners = winners(search, problem)?;
+        let distances: Vec<f64> = winners.iter().map(|winner| winner.distances[0]).collect();
+        Ok::<_, Failure>(100.0 * mean(&distances))
     };
     let mut search = Search::new(problem);
-    let first = mean(&end(&mut search, problem, GENERATIONS)?);
-    let generations = search.generation;
-    let never = AtomicBool::new(false);
+    rounds(&mut search, problem, GENERATIONS)?;
+    let (generations, first) = (search.generation, end(&mut search)?);
     while search.generation < TIMES * generations {
         search.unsettle();
         let most = search.generation + GENERATIONS_A_ROUND;
-        search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
+        rounds(&mut search, problem, most)?;
     }
-    let most = search.generation;
-    let last = mean(&end(&mut search, problem, most)?);
+    let last = end(&mut search)?;
     let gain = 100.0 * (1.0 - last / first);
     let seed = problem.seed;
     println!(

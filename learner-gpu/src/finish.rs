@@ -16,9 +16,10 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::experiment::mean;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND};
-use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, draws};
+use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, bests, draws};
 use crate::problem::Problem;
 use crate::refine::{Landscape, Precision, shares};
 use crate::synergies::score;
@@ -160,16 +161,16 @@ impl Search {
         turn: usize,
         set: usize,
     ) -> Pool<'a> {
-        let turn = |back| turn.checked_sub(back).and_then(|turn| self.turns.get(turn));
-        let now = turn(1).map_or(&[][..], |winners| &winners[..]);
-        let known = |other| turn(2).and_then(|winners: &Vec<Winner>| winners.get(other));
-        let guests = now.iter().enumerate().filter(|&(other, winner)| {
-            other != set && known(other).is_none_or(|before| before != winner)
-        });
+        let mut earlier = self.turns.iter().take(turn).rev().map(Vec::as_slice);
+        let now = earlier.next().unwrap_or_default();
+        let before = earlier.next().unwrap_or_default();
+        let guests = now.iter().enumerate();
+        let guests =
+            guests.filter(|&(other, winner)| other != set && before.get(other) != Some(winner));
         let guests = guests.map(|(_, winner)| winner.point.clone());
-        let most = match self.is_rugged(problem, set) {
-            true => GUESTS,
-            false => GUESTS_WHERE_SMOOTH,
+        let most = match self.is_smooth(problem, set) {
+            true => GUESTS_WHERE_SMOOTH,
+            false => GUESTS,
         };
         let guests = best(scored(landscape, set, guests.collect()), most);
         let own = now.get(set).map(|winner| winner.point.clone());
@@ -178,15 +179,14 @@ impl Search {
         Pool::new(landscape, set, members, 1 + GUESTS)
     }
 
-    /// Whether strides have gained something over a set's islands.
-    fn is_rugged(&self, problem: &Problem, set: usize) -> bool {
+    /// Whether strides have gained next to nothing over a set's islands.
+    fn is_smooth(&self, problem: &Problem, set: usize) -> bool {
         let islands = islands(&self.islands, problem, set);
-        let before = islands.iter().map(|island| f64::from(island.best_score));
-        let before = before.fold(f64::INFINITY, f64::min);
+        let before = bests(islands, problem.islands);
         let first = self.turns.first().and_then(|winners| winners.get(set));
-        first.is_some_and(|winner| {
-            let after = winner.distances.iter().sum::<f64>() / winner.distances.len() as f64;
-            (before - after).abs() > SMOOTH * after
+        before.first().zip(first).is_some_and(|(before, winner)| {
+            let after = mean(&winner.distances);
+            (f64::from(before.1) - after).abs() <= SMOOTH * after
         })
     }
 }

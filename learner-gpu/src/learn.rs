@@ -688,7 +688,7 @@ fn fresh(problem: &Problem, set: usize, number: usize, generation: u32) -> Islan
 }
 
 /// The best genes and score of each set.
-fn bests(islands: &[Island], a_set: usize) -> Vec<(&[u32], f32)> {
+pub(crate) fn bests(islands: &[Island], a_set: usize) -> Vec<(&[u32], f32)> {
     islands
         .chunks(a_set.max(1))
         .filter_map(|islands| {
