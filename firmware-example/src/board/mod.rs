@@ -59,4 +59,10 @@ impl Inbox {
     pub fn take(&self) -> Option<u8> {
         critical_section::with(|cs| self.0.borrow_ref_mut(cs).pop_front())
     }
+
+    /// Whether there is room for a byte.
+    #[cfg(feature = "qemu")]
+    pub fn has_room(&self) -> bool {
+        critical_section::with(|cs| !self.0.borrow_ref(cs).is_full())
+    }
 }
