@@ -10,13 +10,18 @@
 //! ```
 //!
 //! x is the way to the target from where the tip begins and how far the landmarks are apart from one to the next, for the
-//! shape also the target, for the time course the logarithm of the time and the mean speed: each less its mean over its
-//! standard deviation, and weighted. What the shape's end is off the target, which is known, is spread evenly over the way.
+//! shape also the target and how far it is from the first landmark, for the time course the logarithms of the time and of
+//! the mean speed: each less its mean over its standard deviation, and weighted. For the time course y is its log odds. c,
+//! how much of a shape is affine, is what predicts each recording best from those to other targets (section 5.4.2): the more
+//! recordings there are, the more of it they bear.
+//!
+//! What the shape's end is off the target, which is known, is spread evenly over the way and along the arm.
 //!
 //! Recordings may be of several people: what differs between these most, how long their arms are, is part of x.
 //!
 //! Parameters that follow the path are found by descents ([`crate::refine`]) from those of the reaches to the nearest
-//! targets; and by others from there, for which it costs more that the hand does not arrive.
+//! targets and from such as are guessed from the path ([`crate::guess`]); and by others from there, for which it costs more
+//! that the hand does not arrive.
 //!
 //! A map for a microcontroller is fitted to predicted paths, too ([`around`]): to those of the recorded reaches and of others
 //! made up around them. They are what recordings have in common, without what was so by chance in each.
@@ -27,9 +32,10 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::guess::Guesses;
 use crate::kernel::philox::philox;
 use crate::kernel::proposal::{gene, parameter};
-use crate::map::LearnedMap;
+use crate::map::{LearnedMap, NEAR};
 use crate::motion::{Point, distance};
 use crate::problem::{Problem, with_dofs};
 use crate::refine::{Landscape, Start};
@@ -41,15 +47,23 @@ pub const MOMENTS: usize = 16;
 /// The weights of the inputs: the target and the way to it, the time and the speed, and the distances between landmarks.
 const PLACE: f64 = 0.3;
 const PACE: f64 = 0.45;
-const SIZE: f64 = 0.16;
+const SIZE: f64 = 0.2;
 /// σ², of a variance of about 1.
 const NOISE: f64 = 0.15;
-/// c: how much of it is affine.
-const AFFINE: f64 = 0.3;
+/// c of a shape, one of these; where there is nothing to choose by, the first.
+const AFFINE: [f64; 4] = [0.3, 0.1, 1.0, 3.0];
+/// c of a time course: none is better for all.
+const AFFINE_COURSE: [f64; 1] = [0.3];
+/// What is added to a time course and to what is left of it, so that its ends have odds.
+const ODDS: f64 = 0.03;
+/// No reach counts as slower, metres a second.
+const SLOWEST: f64 = 1e-3;
 /// An input counts as no further from its mean, standard deviations.
 const FURTHEST: f64 = 3.0;
 /// Reaches to the nearest targets whose parameters are descended from.
 const STARTS: usize = 8;
+/// Guesses that are.
+const GUESSES: u32 = 16;
 /// What a metre costs that the hand does not arrive by, in one descent after the other: the first finds the path's valley,
 /// the last stays in it and arrives.
 const ARRIVALS: [f32; 3] = [0.2, 2.0, 20.0];
@@ -128,7 +142,9 @@ impl Outset {
 
     /// x for the shape: each input with its weight.
     fn of_shape(&self) -> Vec<(f64, f64)> {
+        let first = self.start.first().copied().unwrap_or_default();
         let places = self.target.into_iter().chain(self.way());
+        let places = places.chain([distance(self.target, first)]);
         places.map(|x| (x, PLACE)).chain(self.sizes()).collect()
     }
 
@@ -136,9 +152,10 @@ impl Outset {
     fn of_course(&self) -> Vec<(f64, f64)> {
         let way = self.way();
         let speed = distance(way, [0.0; 3]) / self.seconds;
-        let paces = [(self.seconds.ln(), PACE), (speed, PACE)];
+        let paces = [self.seconds.ln(), speed.max(SLOWEST).ln()];
         let places = way.into_iter().map(|x| (x, PLACE));
-        places.chain(paces).chain(self.sizes()).collect()
+        let all = places.chain(paces.map(|x| (x, PACE)));
+        all.chain(self.sizes()).collect()
     }
 
     /// How far the landmarks are apart.
@@ -174,19 +191,24 @@ fn between(frames: &[Vec<Point>], at: f64) -> impl Iterator<Item = Point> + '_ {
     before.zip(after).map(point)
 }
 
-/// How much of the tip's way is behind at each of the [`MOMENTS`], from 0 to 1; where it does not move, of the time.
+/// How much of the tip's way is behind at each of the [`MOMENTS`], from 0 to 1.
 fn course(path: &Path) -> Vec<f64> {
-    let tips: Vec<Point> = path.iter().filter_map(|at| at.last().copied()).collect();
-    let steps = tips.windows(2).map(|two| distance(two[0], two[1]));
+    behind(path.iter().filter_map(|at| at.last().copied()))
+}
+
+/// How much of the way through all points is behind at each, from 0 to 1; of no way, evenly.
+fn behind(points: impl Iterator<Item = Point>) -> Vec<f64> {
+    let points: Vec<Point> = points.collect();
+    let steps = points.windows(2).map(|two| distance(two[0], two[1]));
     let behind = std::iter::once(0.0).chain(steps.scan(0.0, |sum, step| {
         *sum += step;
         Some(*sum)
     }));
-    let behind: Vec<f64> = behind.collect();
+    let behind: Vec<f64> = behind.take(points.len()).collect();
     let way = behind.last().copied().unwrap_or_default();
-    let part = |(moment, &behind): (usize, &f64)| match way > 0.0 {
+    let part = |(point, &behind): (usize, &f64)| match way > 0.0 {
         true => behind / way,
-        false => share(moment, path.len()),
+        false => share(point, points.len()),
     };
     behind.iter().enumerate().map(part).collect()
 }
@@ -223,13 +245,21 @@ struct Process {
     known: Vec<DVector<f64>>,
     /// m.
     mean: DVector<f64>,
+    /// c.
+    affine: f64,
     /// (k(X, X) + σ²I)⁻¹·(Y − m), a column for each recording.
     weights: DMatrix<f64>,
 }
 
 impl Process {
-    /// From the x of each recording, with the weights, and its y: at least one.
-    fn new(x: &[Vec<(f64, f64)>], y: &[DVector<f64>]) -> Self {
+    /// From the x of each recording, with the weights, its y, and the numbers of the recordings to about the same target,
+    /// its own first: at least one. `affine` are the c that there are to choose from.
+    fn new(
+        x: &[Vec<(f64, f64)>],
+        y: &[DVector<f64>],
+        alike: &[Vec<usize>],
+        affine: &[f64],
+    ) -> Self {
         let count = x.len();
         let mean = |rows: &[DVector<f64>]| {
             let zero = DVector::zeros(rows.first().map_or(0, DVector::len));
@@ -249,18 +279,30 @@ impl Process {
             centre,
             known: Vec::new(),
             mean: mean(y),
+            affine: affine.first().copied().unwrap_or_default(),
             weights: DMatrix::zeros(y.first().map_or(0, DVector::len), count),
         };
         let known = inputs.iter().map(|inputs| process.place(inputs));
         process.known = known.collect();
-        let covariance = DMatrix::from_fn(count, count, |a, b| {
-            let noise = if a == b { NOISE } else { 0.0 };
-            kernel(&process.known[a], &process.known[b]) + noise
-        });
         let apart = DMatrix::from_fn(count, process.mean.len(), |a, c| y[a][c] - process.mean[c]);
-        // With the noise it is positive definite.
-        if let Some(factors) = covariance.cholesky() {
-            process.weights = factors.solve(&apart).transpose();
+        let mut least = f64::INFINITY;
+        for &affine in affine {
+            let covariance = DMatrix::from_fn(count, count, |a, b| {
+                let noise = if a == b { NOISE } else { 0.0 };
+                kernel(&process.known[a], &process.known[b], affine) + noise
+            });
+            // With the noise it is positive definite.
+            let Some(factors) = covariance.cholesky() else {
+                continue;
+            };
+            let inverse = factors.inverse();
+            let weights = &inverse * &apart;
+            let missed = missed(&inverse, &weights, alike);
+            if missed < least {
+                least = missed;
+                process.affine = affine;
+                process.weights = weights.transpose();
+            }
         }
         process
     }
@@ -274,9 +316,23 @@ impl Process {
     /// y.
     fn predict(&self, x: &[(f64, f64)]) -> DVector<f64> {
         let place = self.place(&numbers(x, |x| x.0));
-        let near = self.known.iter().map(|known| kernel(known, &place));
+        let near = self.known.iter();
+        let near = near.map(|known| kernel(known, &place, self.affine));
         &self.mean + &self.weights * DVector::from_iterator(self.known.len(), near)
     }
+}
+
+/// By how much each recording is missed when it is predicted without those like it, all in all: with K⁻¹ and K⁻¹·(Y − m),
+/// whose rows for some recordings say what their prediction from all others is off.
+fn missed(inverse: &DMatrix<f64>, weights: &DMatrix<f64>, alike: &[Vec<usize>]) -> f64 {
+    let off = |alike: &Vec<usize>| {
+        let rows = weights.select_rows(alike);
+        let factors = inverse.select_rows(alike).select_columns(alike).cholesky();
+        factors.map_or(0.0, |factors| factors.solve(&rows).row(0).norm())
+    };
+    // Where there is nothing else to predict from, nothing is said.
+    let told = alike.iter().filter(|alike| alike.len() < weights.nrows());
+    told.map(off).sum()
 }
 
 /// The inputs, or their weights.
@@ -301,10 +357,20 @@ impl Predictor {
         let shapes = paths().zip(&courses);
         let shapes = shapes.map(|(path, course)| DVector::from_vec(shape(path, course)));
         let shapes: Vec<DVector<f64>> = shapes.collect();
-        let courses: Vec<DVector<f64>> = courses.into_iter().map(DVector::from_vec).collect();
+        let odds = |course: Vec<f64>| DVector::from_vec(course).map(log_odds);
+        let courses: Vec<DVector<f64>> = courses.into_iter().map(odds).collect();
+        let target = |reach: usize| recordings[reach].outset.target;
+        let alike = |reach: usize| {
+            let near =
+                |&other: &usize| other != reach && distance(target(other), target(reach)) < NEAR;
+            std::iter::once(reach)
+                .chain((0..recordings.len()).filter(near))
+                .collect()
+        };
+        let alike: Vec<Vec<usize>> = (0..recordings.len()).map(alike).collect();
         Predictor {
-            shape: Process::new(&inputs(Outset::of_shape), &shapes),
-            course: Process::new(&inputs(Outset::of_course), &courses),
+            shape: Process::new(&inputs(Outset::of_shape), &shapes, &alike, &AFFINE),
+            course: Process::new(&inputs(Outset::of_course), &courses, &alike, &AFFINE_COURSE),
         }
     }
 
@@ -324,18 +390,19 @@ impl Predictor {
             .collect();
         let end = shape.last().and_then(|points| points.last()).copied();
         let left: Point = std::array::from_fn(|r| outset.target[r] - end.unwrap_or_default()[r]);
+        let along = behind(outset.start.iter().copied());
         for (part, points) in shape.iter_mut().enumerate() {
-            if let Some(tip) = points.last_mut() {
+            for (point, along) in points.iter_mut().zip(&along) {
                 for r in 0..3 {
-                    tip[r] += share(part, MOMENTS) * left[r];
+                    point[r] += share(part, MOMENTS) * along * left[r];
                 }
             }
         }
         // From the start to the end, and never back.
         let course = self.course.predict(&outset.of_course());
-        let mut course: Vec<f64> = course.iter().map(|behind| behind.clamp(0.0, 1.0)).collect();
-        if let Some(last) = course.last_mut() {
-            *last = 1.0;
+        let mut course: Vec<f64> = course.iter().map(|&odds| from_log_odds(odds)).collect();
+        if let [first, .., last] = &mut course[..] {
+            (*first, *last) = (0.0, 1.0);
         }
         let mut least = 0.0;
         for behind in &mut course {
@@ -352,8 +419,19 @@ impl Predictor {
 }
 
 /// k.
-fn kernel(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
-    (-(a - b).norm_squared() / 2.0).exp() + AFFINE * (1.0 + a.dot(b))
+fn kernel(a: &DVector<f64>, b: &DVector<f64>, affine: f64) -> f64 {
+    (-(a - b).norm_squared() / 2.0).exp() + affine * (1.0 + a.dot(b))
+}
+
+/// Of how much of the way is behind.
+fn log_odds(behind: f64) -> f64 {
+    ((ODDS + behind) / (ODDS + 1.0 - behind)).ln()
+}
+
+/// How much of the way is behind, from its log odds.
+fn from_log_odds(odds: f64) -> f64 {
+    let share = 1.0 / (1.0 + (-odds).exp());
+    (share * (1.0 + 2.0 * ODDS) - ODDS).clamp(0.0, 1.0)
 }
 
 /// For each task the parameters that follow its reference and arrive: the best of what is found from its starts. None
@@ -378,6 +456,15 @@ fn follow(
         .flat_map(|(set, starts)| starts.iter().map(move |&parameters| (set, parameters)))
         .map(|(set, parameters)| begin(set, parameters))
         .collect();
+    for (set, guesses) in Guesses::new(problem)?.iter().enumerate() {
+        starts.extend((0..GUESSES).map(|number| Start {
+            set,
+            genes: guesses.draw(bounds.len(), |block| {
+                philox([set as u32, number, block as u32, 2], [0, 0])[0]
+            }),
+            beat: 0.0,
+        }));
+    }
     let mut best: Vec<(f32, Vec<u32>)> = Vec::new();
     for arrival in ARRIVALS {
         let landscape = Landscape::arriving(problem, arrival)?;
@@ -648,6 +735,26 @@ mod tests {
         }
         assert!(distance(found[49][2], new.target) < 1e-12);
         assert_eq!(found[0], new.start);
+    }
+
+    #[test]
+    fn shapes_are_as_affine_as_recordings_bear_out() {
+        let straight = family();
+        assert_eq!(predictor(&straight).shape.affine, 3.0);
+        let chance = |reach: usize, axis: u32| {
+            f64::from(philox([reach as u32, axis, 0, 0], [0, 0])[0]) / f64::from(u32::MAX)
+        };
+        let astray = straight.into_iter().enumerate().map(|(k, mut reach)| {
+            let bows = [0, 1, 2].map(|r| chance(k, r) - 0.5);
+            for (moment, points) in reach.path.iter_mut().enumerate() {
+                let part = share(moment, MOMENTS);
+                for r in 0..3 {
+                    points[1][r] += 10.0 * part * (1.0 - part) * bows[r];
+                }
+            }
+            reach
+        });
+        assert_eq!(predictor(&astray.collect::<Vec<_>>()).shape.affine, 0.1);
     }
 
     #[test]
