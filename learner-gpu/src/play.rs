@@ -91,7 +91,9 @@ impl Port {
         }
     }
 
-    /// A request's reply. The controller may have a higher number from an earlier host: then this one goes on from it.
+    /// A request's reply. The controller may have a higher number, from an earlier host or from a request whose reply was
+    /// lost: then this one goes on from it. So a request whose reply was lost is carried out twice, one that was lost itself
+    /// once.
     ///
     /// # Errors
     /// A refusal; silence; the port's.
@@ -117,7 +119,7 @@ impl Port {
         };
         let mut buffer = [0; MOST_FRAME];
         let frame = encode(&message, &mut buffer).map_err(|_| PlayError::TooLong)?;
-        // Sent twice, it is carried out once: its number tells.
+        // Under the same number, with which it is carried out once.
         for _ in 0..TRIES {
             // A zero first ends whatever noise came before.
             self.out.write_all(&[0])?;
@@ -288,127 +290,4 @@ pub fn csv(reports: &[Report]) -> String {
         let _ = writeln!(text, ",{distance},{cost},{worst_cost},{bits}");
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A controller that holds, on a line that loses the first byte of some frames, and what it was asked.
-    struct Controller {
-        receiver: Receiver,
-        spoilt: Vec<usize>,
-        frames: usize,
-        asked: Vec<u32>,
-        line: mpsc::Sender<Vec<u8>>,
-        done: mpsc::Sender<Vec<u32>>,
-    }
-
-    impl Controller {
-        /// A port to one, and what it was asked, once the port is gone.
-        fn with(spoilt: &[usize]) -> (Port, mpsc::Receiver<Vec<u32>>) {
-            let (line, back) = mpsc::channel::<Vec<u8>>();
-            let (done, asked) = mpsc::channel();
-            let controller = Controller {
-                receiver: Receiver::new(),
-                spoilt: spoilt.to_vec(),
-                frames: 0,
-                asked: Vec::new(),
-                line,
-                done,
-            };
-            (Port::new(Back(back, Vec::new()), controller), asked)
-        }
-
-        fn reply(&mut self, sequence: u32, body: Reply) {
-            let mut buffer = [0; MOST_FRAME];
-            let frame = encode(&Envelope { sequence, body }, &mut buffer);
-            self.line.send(frame.expect("a frame").to_vec()).ok();
-        }
-
-        fn take(&mut self, byte: u8) {
-            match self.receiver.take::<Request>(byte) {
-                None => {}
-                Some(Err(_)) => self.reply(0, Reply::Refused(Refusal::Garbled)),
-                Some(Ok(Envelope { sequence, .. })) => match self.asked.last() {
-                    Some(&last) if sequence <= last => {
-                        self.reply(sequence, Reply::Refused(Refusal::Replayed(last)));
-                    }
-                    _ => {
-                        self.asked.push(sequence);
-                        self.reply(sequence, Reply::Done);
-                    }
-                },
-            }
-        }
-    }
-
-    impl Write for Controller {
-        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-            let mut from = 0;
-            if bytes != [0] {
-                self.frames += 1;
-                from = usize::from(self.spoilt.contains(&self.frames));
-            }
-            bytes[from..].iter().for_each(|&byte| self.take(byte));
-            Ok(bytes.len())
-        }
-
-        fn flush(&mut self) -> io::Result<()> {
-            Ok(())
-        }
-    }
-
-    impl Drop for Controller {
-        fn drop(&mut self) {
-            self.done.send(std::mem::take(&mut self.asked)).ok();
-        }
-    }
-
-    /// The other end of a controller's line.
-    struct Back(mpsc::Receiver<Vec<u8>>, Vec<u8>);
-
-    impl Read for Back {
-        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            while self.1.is_empty() {
-                match self.0.recv() {
-                    Ok(frame) => self.1 = frame,
-                    Err(_) => return Ok(0),
-                }
-            }
-            let n = bytes.len().min(self.1.len());
-            bytes[..n].copy_from_slice(&self.1[..n]);
-            self.1.drain(..n);
-            Ok(n)
-        }
-    }
-
-    #[test]
-    fn a_request_that_the_line_spoils_is_sent_again_and_carried_out_once() {
-        let (mut port, asked) = Controller::with(&[2, 4, 5]);
-        for _ in 0..3 {
-            assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
-        }
-        drop(port);
-        assert_eq!(asked.recv(), Ok(vec![1, 2, 3]));
-    }
-
-    #[test]
-    fn noise_before_a_request_does_not_carry_it_out_twice() {
-        let (mut port, asked) = Controller::with(&[]);
-        port.out.write_all(b"noise").expect("the line takes it");
-        for _ in 0..2 {
-            assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
-        }
-        drop(port);
-        assert_eq!(asked.recv(), Ok(vec![1, 2]));
-    }
-
-    #[test]
-    fn a_line_that_spoils_everything_is_silent() {
-        let (mut port, asked) = Controller::with(&[1, 2, 3]);
-        assert!(matches!(port.ask(&Request::Hold), Err(PlayError::Silent)));
-        drop(port);
-        assert_eq!(asked.recv(), Ok(vec![]));
-    }
 }

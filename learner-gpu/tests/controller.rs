@@ -2,8 +2,8 @@
 //! talks to that code over TCP here; `firmware-example/test` has it on a microcontroller.
 
 use std::convert::Infallible;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,11 +22,15 @@ use sinew_firmware::store::Store;
 use sinew_firmware::{convert, learned};
 use sinew_learn::export::{Format, export, settings};
 use sinew_learn::kernel::score::Ready;
+use sinew_learn::play::{PlayError, Port};
 use sinew_learn::problem::ModelKind;
 use sinew_learn::synergies::Synergies;
 use sinew_learn::task::Task;
 use sinew_protocol::frame::CHECK;
-use sinew_protocol::{Faults, MOST_REPLY, Record, Reply, Request, Settings};
+use sinew_protocol::{
+    Envelope, Faults, MOST_FRAME, MOST_REPLY, Receiver, Record, Refusal, Reply, Request, Settings,
+    encode,
+};
 
 fn firmware() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-example")
@@ -525,6 +529,137 @@ fn play_loads_a_map_once_and_then_the_controller_plans_by_itself() {
         &[file.to_str().unwrap(), "--motion", "reach_05"],
     );
     ends(&own, 0, &["the synergy of"]);
+}
+
+/// A line to the controller that loses the first byte of some of the frames, counted from 1.
+struct Spoiling {
+    line: TcpStream,
+    spoilt: &'static [usize],
+    frames: usize,
+}
+
+impl Spoiling {
+    /// After some noise.
+    fn port(chip: &Controlled, noise: &[u8], spoilt: &'static [usize]) -> Port {
+        let mut line = TcpStream::connect(&chip.port).unwrap();
+        line.write_all(noise).unwrap();
+        let back = line.try_clone().unwrap();
+        let there = Spoiling {
+            line,
+            spoilt,
+            frames: 0,
+        };
+        Port::new(back, there)
+    }
+}
+
+impl Write for Spoiling {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut from = 0;
+        if bytes != [0] {
+            self.frames += 1;
+            from = usize::from(self.spoilt.contains(&self.frames));
+        }
+        self.line.write_all(&bytes[from..])?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.line.flush()
+    }
+}
+
+impl Drop for Spoiling {
+    // The other end has a handle of its own.
+    fn drop(&mut self) {
+        let _ = self.line.shutdown(Shutdown::Both);
+    }
+}
+
+/// The number of the last request that was carried out, for which it takes another host: 0 is always one from before.
+fn carried_out(chip: &Controlled) -> u32 {
+    let mut line = TcpStream::connect(&chip.port).unwrap();
+    let mut buffer = [0; MOST_FRAME];
+    let old = Envelope {
+        sequence: 0,
+        body: Request::Report,
+    };
+    line.write_all(&[0]).unwrap();
+    line.write_all(encode(&old, &mut buffer).unwrap()).unwrap();
+    let mut receiver = Receiver::new();
+    for byte in io::BufReader::new(line).bytes() {
+        if let Some(reply) = receiver.take(byte.unwrap()) {
+            match reply.unwrap().body {
+                Reply::Refused(Refusal::Replayed(last)) => return last,
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    panic!("no reply")
+}
+
+#[test]
+fn a_request_that_the_line_spoils_is_sent_again_and_carried_out_once() {
+    let chip = Controlled::start();
+    let mut port = Spoiling::port(&chip, b"", &[2, 4, 5]);
+    for _ in 0..3 {
+        assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
+    }
+    drop(port);
+    assert_eq!(carried_out(&chip), 3);
+}
+
+#[test]
+fn noise_before_a_request_does_not_carry_it_out_twice() {
+    let chip = Controlled::start();
+    let mut port = Spoiling::port(&chip, b"noise", &[]);
+    for _ in 0..2 {
+        assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
+    }
+    drop(port);
+    assert_eq!(carried_out(&chip), 2);
+}
+
+#[test]
+fn a_line_that_spoils_everything_is_silent() {
+    let chip = Controlled::start();
+    let mut port = Spoiling::port(&chip, b"", &[1, 2, 3]);
+    assert!(matches!(port.ask(&Request::Hold), Err(PlayError::Silent)));
+    drop(port);
+    assert_eq!(carried_out(&chip), 0);
+}
+
+#[test]
+fn a_request_whose_reply_is_lost_is_answered_when_it_is_asked_again() {
+    /// Loses all up to the first frame's end.
+    struct Losing(TcpStream, bool);
+
+    impl Read for Losing {
+        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+            let mut byte = [1];
+            while self.1 && byte != [0] {
+                self.0.read_exact(&mut byte)?;
+            }
+            self.1 = false;
+            self.0.read(bytes)
+        }
+    }
+
+    let chip = Controlled::start();
+    let line = TcpStream::connect(&chip.port).unwrap();
+    let back = Losing(line.try_clone().unwrap(), true);
+    let mut port = Port::new(
+        back,
+        Spoiling {
+            line,
+            spoilt: &[],
+            frames: 0,
+        },
+    );
+    assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
+    drop(port);
+    // That it was carried out before, nothing told the host.
+    assert_eq!(carried_out(&chip), 2);
 }
 
 #[test]
