@@ -19,11 +19,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde::de::DeserializeOwned;
 use serde_json::json;
-use sinew_learn::experiment::mean;
 use sinew_learn::finish::Winner;
 use sinew_learn::kernel::proposal::{GENE, parameter};
 use sinew_learn::learn::{Backend, GENERATIONS_A_ROUND, Search};
-use sinew_learn::problem::Problem;
+use sinew_learn::problem::{Problem, mean};
 use sinew_learn::refine::Landscape;
 use sinew_learn::sample;
 use sinew_learn::synergies::score;
@@ -118,8 +117,8 @@ fn winners(search: &mut Search, problem: &Problem) -> Result<Vec<Winner>, Failur
 fn longer(problem: &Problem) -> Result<(), Failure> {
     let end = |search: &mut Search| {
         let winners = winners(search, problem)?;
-        let distances: Vec<f64> = winners.iter().map(|winner| winner.distances[0]).collect();
-        Ok::<_, Failure>(100.0 * mean(&distances))
+        let distances = winners.iter().map(|winner| winner.distances[0]);
+        Ok::<_, Failure>(100.0 * mean(distances))
     };
     let mut search = Search::new(problem);
     rounds(&mut search, problem, GENERATIONS)?;

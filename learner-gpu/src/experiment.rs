@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use crate::problem::{ModelKind, StepperKind};
+use crate::problem::{ModelKind, StepperKind, mean};
 
 /// A richer model is worse on a motion if its distance is greater by more than this, cm: less is rounding.
 pub const TIE_CM: f64 = 1e-4;
@@ -32,16 +32,11 @@ impl Spread {
             };
         };
         Spread {
-            mean_cm: mean(distances),
+            mean_cm: mean(distances.iter().copied()),
             least_cm: distances.iter().copied().fold(first, f64::min),
             greatest_cm: distances.iter().copied().fold(first, f64::max),
         }
     }
-}
-
-/// The mean; 0 of nothing.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 /// What a model gains over a poorer one on the same motions.
@@ -57,11 +52,11 @@ pub struct Gain {
 impl Gain {
     /// From the distances (cm, motion by motion) of a poorer model to those of a richer one.
     pub fn of(poorer: &[f64], richer: &[f64]) -> Self {
-        let before = mean(poorer);
+        let before = mean(poorer.iter().copied());
         let worse = |(poorer, richer): &(&f64, &f64)| **richer > **poorer + TIE_CM;
         Gain {
             reduction: match before > 0.0 {
-                true => 1.0 - mean(richer) / before,
+                true => 1.0 - mean(richer.iter().copied()) / before,
                 false => 0.0,
             },
             worse_on: poorer.iter().zip(richer).filter(worse).count(),

@@ -16,11 +16,10 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::experiment::mean;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND};
 use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, bests, draws};
-use crate::problem::Problem;
+use crate::problem::{Problem, mean};
 use crate::refine::{Landscape, Precision, shares};
 use crate::synergies::score;
 use crate::task::TaskError;
@@ -185,7 +184,7 @@ impl Search {
         let before = bests(islands, problem.islands);
         let first = self.turns.first().and_then(|winners| winners.get(set));
         before.first().zip(first).is_some_and(|(before, winner)| {
-            let after = mean(&winner.distances);
+            let after = mean(winner.distances.iter().copied());
             (f64::from(before.1) - after).abs() <= SMOOTH * after
         })
     }

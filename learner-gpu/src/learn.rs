@@ -24,7 +24,7 @@ use crate::guess::Guesses;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
-use crate::problem::{Problem, Settings};
+use crate::problem::{Problem, Settings, mean};
 use crate::refine::{Landscape, Start};
 use crate::task::TaskError;
 use crate::{cpu, output};
@@ -307,7 +307,7 @@ impl Search {
             *offered = score;
         }
 
-        let now = mean(&bests(&islands, problem.islands));
+        let now = mean_best(&bests(&islands, problem.islands));
         let rounds = self.bests.len() + 1;
         let earlier = self.bests.get((rounds / 2).wrapping_sub(1)).copied();
         let settled =
@@ -430,8 +430,8 @@ impl Search {
             .map(|&score| f64::from(score));
         Progress {
             generation: self.generation,
-            best: mean(&bests),
-            mean: members.clone().sum::<f64>() / members.count().max(1) as f64,
+            best: mean_best(&bests),
+            mean: mean(members),
         }
     }
 }
@@ -701,9 +701,8 @@ pub(crate) fn bests(islands: &[Island], a_set: usize) -> Vec<(&[u32], f32)> {
 }
 
 /// The mean of the sets' best scores, metres.
-fn mean(bests: &[(&[u32], f32)]) -> f64 {
-    let sum: f64 = bests.iter().map(|&(_, score)| f64::from(score)).sum();
-    sum / bests.len().max(1) as f64
+fn mean_best(bests: &[(&[u32], f32)]) -> f64 {
+    mean(bests.iter().map(|&(_, score)| f64::from(score)))
 }
 
 /// The sets whose best has become better since it was last offered, and its genes.

@@ -32,8 +32,8 @@ use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, LearnError, Search};
 use crate::motion::{Point, distance};
-use crate::predict::{self, Known};
-use crate::problem::{ModelKind, Problem, with_dofs};
+use crate::predict::{self, Known, NEAR, same};
+use crate::problem::{ModelKind, Problem, mean, with_dofs};
 use crate::refine::{Landscape, Slope};
 use crate::task::{Task, TaskError};
 
@@ -52,8 +52,6 @@ const AS_GOOD: f64 = 0.03;
 const BEGINNINGS: usize = 3;
 /// Steps of a fit, at most.
 const MOST_STEPS: usize = 60;
-/// A reach that is left out takes with it all whose targets are this near, metres.
-pub const NEAR: f64 = 0.05;
 /// Up to so many reaches are left out one by one; of more, in as many groups.
 const MOST_FOLDS: usize = 256;
 /// Learned targets that parameters are interpolated between.
@@ -550,7 +548,7 @@ pub fn transfer(
             others,
         };
         let points = predicted_points(problem, seen, folds, stop)?;
-        Ok::<_, TaskError>(points.map(|points| 100.0 * mean(&landscape, &points)))
+        Ok::<_, TaskError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
     };
     let with_others = |folds: &[Fold]| match known.reaches.is_empty() {
         true => Ok(None),
@@ -662,10 +660,11 @@ fn folds(problem: &Problem) -> Vec<Fold> {
     let groups = count.min(MOST_FOLDS);
     let group = |g: usize| {
         let left_out: Vec<usize> = (g..count).step_by(groups.max(1)).collect();
+        let target = |reach: usize| problem.tasks[reach].target;
         let far = |&reach: &usize| {
-            left_out.iter().all(|&other| {
-                distance(problem.tasks[reach].target, problem.tasks[other].target) >= NEAR
-            })
+            left_out
+                .iter()
+                .all(|&other| !same(target(reach), target(other)))
         };
         let kept: Vec<usize> = (0..count).filter(far).collect();
         (left_out, kept)
@@ -688,7 +687,7 @@ fn gap(problem: &Problem, folds: &[Fold]) -> f64 {
     gaps.fold(0.0, f64::max)
 }
 
-/// The parameters of the nearest learned targets, of those further away than [`NEAR`]: of so many, each weighted by the
+/// The parameters of the nearest learned targets, of those that are not [`same`]: of so many, each weighted by the
 /// inverse square of how far it is (Shepard 1968).
 fn neighbours(
     problem: &Problem,
@@ -697,12 +696,13 @@ fn neighbours(
     most: usize,
 ) -> Result<Trial, TaskError> {
     let count = problem.tasks.len();
-    let away = |a: usize, b: usize| distance(problem.tasks[a].target, problem.tasks[b].target);
+    let target = |reach: usize| problem.tasks[reach].target;
+    let away = |a: usize, b: usize| distance(target(a), target(b));
     let own: Vec<Vec<f64>> = own.iter().map(|own| shares(problem, own)).collect();
     let point = |values: &[f64]| values.iter().map(|&share| share as f32).collect();
     let between = |reach: usize| {
         let mut others: Vec<usize> = (0..count)
-            .filter(|&other| other != reach && away(reach, other) >= NEAR)
+            .filter(|&other| !same(target(reach), target(other)))
             .collect();
         others.sort_by(|&a, &b| away(reach, a).total_cmp(&away(reach, b)));
         others.truncate(most);
@@ -786,17 +786,16 @@ fn trial(
     let left_out = (!scored.is_empty()).then_some(scored);
     Ok(Trial {
         name,
-        fitted_cm: 100.0 * mean(landscape, fitted),
-        left_out_cm: left_out.map(|scored| 100.0 * mean(landscape, scored)),
+        fitted_cm: 100.0 * mean_at(landscape, fitted),
+        left_out_cm: left_out.map(|scored| 100.0 * mean_at(landscape, scored)),
         arrived: left_out.map(|scored| arrived as f64 / scored.len() as f64),
     })
 }
 
 /// The mean distance at some points, metres.
-fn mean(landscape: &Landscape<'_>, points: &[Tried]) -> f64 {
+fn mean_at(landscape: &Landscape<'_>, points: &[Tried]) -> f64 {
     let scores = landscape.scores_at(points);
-    let sum: f64 = scores.iter().map(|&score| f64::from(score)).sum();
-    sum / points.len().max(1) as f64
+    mean(scores.into_iter().map(f64::from))
 }
 
 /// The targets, or as many as a map holds, each as far from those before it as can be.
@@ -930,17 +929,15 @@ impl<'a> Fit<'a> {
 
     /// The mean distance, metres.
     fn mean(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
-        mean(self.landscape, &self.points(weights, reaches))
+        mean_at(self.landscape, &self.points(weights, reaches))
     }
 
     /// What is made small.
     fn cost(&self, weights: &DMatrix<f64>, reaches: &[usize]) -> f64 {
         let scores = self.landscape.scores_at(&self.points(weights, reaches));
-        let sum: f64 = scores.iter().map(|&score| counted(score)).sum();
-        let count = scores.len().max(1) as f64;
         let (pull, first) = self.pull(reaches);
         let away = weights - self.known(weights.shape());
-        sum / count + pull * away.columns_range(first..).norm_squared()
+        mean(scores.into_iter().map(counted)) + pull * away.columns_range(first..).norm_squared()
     }
 
     /// The weight of squared coefficients (of their differences from what is known, where something is), and the first

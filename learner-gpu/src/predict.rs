@@ -35,7 +35,7 @@ use serde::{Deserialize, Serialize};
 use crate::guess::Guesses;
 use crate::kernel::philox::philox;
 use crate::kernel::proposal::{gene, parameter};
-use crate::map::{LearnedMap, NEAR};
+use crate::map::LearnedMap;
 use crate::motion::{Point, distance};
 use crate::problem::{Problem, with_dofs};
 use crate::refine::{Landscape, Start};
@@ -44,6 +44,8 @@ use crate::task::{Task, TaskError};
 
 /// Moments that a path is kept at, from the first to the last at equal distances: more gain nothing.
 pub const MOMENTS: usize = 16;
+/// Targets nearer than this count as the same, metres: a reach that is left out takes with it all to the same target.
+pub const NEAR: f64 = 0.05;
 /// The weights of the inputs: the target and the way to it, the time and the speed, and the distances between landmarks.
 const PLACE: f64 = 0.3;
 const PACE: f64 = 0.45;
@@ -285,22 +287,28 @@ impl Process {
         let known = inputs.iter().map(|inputs| process.place(inputs));
         process.known = known.collect();
         let apart = DMatrix::from_fn(count, process.mean.len(), |a, c| y[a][c] - process.mean[c]);
+        let pairs = |of: Kernel| {
+            DMatrix::from_fn(count, count, |a, b| {
+                of(&process.known[a], &process.known[b])
+            })
+        };
+        let (mut near, straight) = (pairs(near), pairs(straight));
+        near.set_diagonal(&near.diagonal().add_scalar(NOISE));
         let mut least = f64::INFINITY;
-        for &affine in affine {
-            let covariance = DMatrix::from_fn(count, count, |a, b| {
-                let noise = if a == b { NOISE } else { 0.0 };
-                kernel(&process.known[a], &process.known[b], affine) + noise
-            });
+        for &c in affine {
             // With the noise it is positive definite.
-            let Some(factors) = covariance.cholesky() else {
+            let Some(factors) = (&near + &straight * c).cholesky() else {
                 continue;
             };
             let inverse = factors.inverse();
             let weights = &inverse * &apart;
-            let missed = missed(&inverse, &weights, alike);
+            let missed = match affine.len() {
+                1 => 0.0,
+                _ => missed(&inverse, &weights, alike),
+            };
             if missed < least {
                 least = missed;
-                process.affine = affine;
+                process.affine = c;
                 process.weights = weights.transpose();
             }
         }
@@ -316,9 +324,9 @@ impl Process {
     /// y.
     fn predict(&self, x: &[(f64, f64)]) -> DVector<f64> {
         let place = self.place(&numbers(x, |x| x.0));
-        let near = self.known.iter();
-        let near = near.map(|known| kernel(known, &place, self.affine));
-        &self.mean + &self.weights * DVector::from_iterator(self.known.len(), near)
+        let k = |known| near(known, &place) + self.affine * straight(known, &place);
+        let all = self.known.iter().map(k);
+        &self.mean + &self.weights * DVector::from_iterator(self.known.len(), all)
     }
 }
 
@@ -359,13 +367,11 @@ impl Predictor {
         let shapes: Vec<DVector<f64>> = shapes.collect();
         let odds = |course: Vec<f64>| DVector::from_vec(course).map(log_odds);
         let courses: Vec<DVector<f64>> = courses.into_iter().map(odds).collect();
-        let target = |reach: usize| recordings[reach].outset.target;
         let alike = |reach: usize| {
-            let near =
-                |&other: &usize| other != reach && distance(target(other), target(reach)) < NEAR;
-            std::iter::once(reach)
-                .chain((0..recordings.len()).filter(near))
-                .collect()
+            let target = |reach: usize| recordings[reach].outset.target;
+            let other = |&other: &usize| other != reach && same(target(other), target(reach));
+            let others = (0..recordings.len()).filter(other);
+            std::iter::once(reach).chain(others).collect()
         };
         let alike: Vec<Vec<usize>> = (0..recordings.len()).map(alike).collect();
         Predictor {
@@ -418,9 +424,17 @@ impl Predictor {
     }
 }
 
-/// k.
-fn kernel(a: &DVector<f64>, b: &DVector<f64>, affine: f64) -> f64 {
-    (-(a - b).norm_squared() / 2.0).exp() + affine * (1.0 + a.dot(b))
+/// A part of k, of two inputs.
+type Kernel = fn(&DVector<f64>, &DVector<f64>) -> f64;
+
+/// The part of k for what is so nearby.
+fn near(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+    (-(a - b).norm_squared() / 2.0).exp()
+}
+
+/// The part of k for what is affine, for c = 1.
+fn straight(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+    1.0 + a.dot(b)
 }
 
 /// Of how much of the way is behind.
@@ -486,6 +500,11 @@ fn follow(
             .collect()
     };
     Ok(Some(best.into_iter().map(parameters).collect()))
+}
+
+/// Whether two targets count as the same.
+pub fn same(a: Point, b: Point) -> bool {
+    distance(a, b) < NEAR
 }
 
 /// The nearest of some targets to another, as numbers into them, and how far each is, metres.

@@ -251,3 +251,11 @@ macro_rules! with_dofs {
     };
 }
 pub(crate) use with_dofs;
+
+/// The mean, of distances mostly; 0 of nothing.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values
+        .into_iter()
+        .fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
+    sum / f64::from(count.max(1))
+}

@@ -7,6 +7,7 @@
 use serde::Serialize;
 
 use crate::motion::{Point, SMOOTHING, minus, smoothed, speeds};
+use crate::problem::mean;
 
 /// A hill in the speed is a peak if it stands out by this part of the greatest speed.
 pub const PROMINENCE: f64 = 0.1;
@@ -89,7 +90,7 @@ pub fn bell(tau: f64) -> f64 {
 /// Pearson's correlation of two series, pair by pair; 0 where one of them is constant.
 pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let count = a.len().min(b.len());
-    let mean = |x: &[f64]| x.iter().take(count).sum::<f64>() / count.max(1) as f64;
+    let mean = |x: &[f64]| mean(x.iter().take(count).copied());
     let (mean_a, mean_b) = (mean(a), mean(b));
     let (mut product, mut square_a, mut square_b) = (0.0, 0.0, 0.0);
     for (x, y) in a.iter().zip(b) {

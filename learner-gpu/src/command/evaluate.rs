@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::json;
+use sinew_learn::problem::mean;
 use sinew_learn::recordings;
 use sinew_learn::synergies::{LearnedMotion, Synergies, score};
 
@@ -34,7 +35,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let distance = score(&settings, &task, &motion.parameters).map_err(Failure::input)?;
         distances.push((motion, distance * 100.0, task.reference.len()));
     }
-    let mean = distances.iter().map(|(_, cm, _)| cm).sum::<f64>() / distances.len().max(1) as f64;
+    let mean = mean(distances.iter().map(|&(_, cm, _)| cm));
     if arguments.json {
         let motion = |(motion, cm, frames): &(&LearnedMotion, f64, usize)| {
             json!({ "file": motion.file, "model": motion.model, "distance_cm": cm, "frames": frames,

@@ -6,12 +6,12 @@ use std::sync::atomic::Ordering;
 
 use clap::ValueEnum;
 use serde::Serialize;
-use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4, mean};
+use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4};
 use sinew_learn::learn::{Backend, Search};
 use sinew_learn::map;
 use sinew_learn::motion::Point;
 use sinew_learn::output;
-use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
+use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind, mean};
 use sinew_learn::speed::{Shape, correlation, hand_speed};
 use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::synthesize;
@@ -466,9 +466,7 @@ fn means(curves: &[Curve]) -> Vec<Bells> {
     let first = curves.iter().take_while(|curve| curve.task == 0);
     let of = |name: &str| {
         let mine: Vec<&Curve> = curves.iter().filter(|curve| curve.curve == name).collect();
-        let mean = |pick: fn(&Curve) -> f64| {
-            mean(&mine.iter().map(|curve| pick(curve)).collect::<Vec<f64>>())
-        };
+        let mean = |pick: fn(&Curve) -> f64| mean(mine.iter().map(|&curve| pick(curve)));
         Bells {
             curve: name.to_owned(),
             peaks: mean(|curve| curve.shape.peaks as f64),

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use sinew_learn::learn::{Checkpoint, Ended, Kept, Search};
 use sinew_learn::map;
-use sinew_learn::problem::ModelKind;
+use sinew_learn::predict;
+use sinew_learn::problem::{ModelKind, mean};
 use sinew_learn::synergies::Synergies;
 
 use super::search::{
@@ -135,8 +136,7 @@ fn report(synergies: &Synergies, ended: Ended) -> String {
             format!("{:.3}", motion.distance_cm),
         ]);
     }
-    let distances = || synergies.motions.iter().map(|motion| motion.distance_cm);
-    let mean = distances().sum::<f64>() / synergies.motions.len().max(1) as f64;
+    let mean = mean(synergies.motions.iter().map(|motion| motion.distance_cm));
     rows.push(vec!["mean".to_owned(), String::new(), format!("{mean:.3}")]);
     let why = match ended {
         Ended::Settled => "rounds gain nothing more",
@@ -173,7 +173,7 @@ fn trials(learned: &map::LearnedMap) -> String {
         "{}left out: learned without the reach and all within {:.0} cm of its target; kept: {}, trusted up to {:.0} cm \
          from a learned target{}\n",
         table(&rows),
-        map::NEAR * 100.0,
+        predict::NEAR * 100.0,
         learned.kept,
         learned.radius * 100.0,
         match learned.reaches.is_empty() {
