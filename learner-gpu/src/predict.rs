@@ -75,7 +75,7 @@ const LONGEST: f64 = 2.0;
 
 /// Reaches that are made up around each recorded one, in pairs that lie across from each other,
 const AROUND: u32 = 4;
-/// in a cube so far to each side of its target, metres,
+/// in a cube so far to each side of its target, along the way there, metres,
 const AWAY: f64 = 0.06;
 /// whose times are longer or shorter by up to this share.
 const PACES: f64 = 0.2;
@@ -565,16 +565,21 @@ pub fn around(problem: &Problem, known: Known<'_>, kept: &[usize]) -> Problem {
             reference,
             ..task.clone()
         });
+        // Which way it goes, horizontally: people who face another way have the same made up.
+        let [x, y, _] = outset.way();
+        let (sin, cos) = y.atan2(x).sin_cos();
         for number in 0..AROUND {
             let draws = philox([reach as u32, number / 2, 0, 1], [0, 0]);
             let side = if number.is_multiple_of(2) { 2.0 } else { -2.0 };
-            let by = draws.map(|draw| side * (f64::from(draw) / f64::from(u32::MAX) - 0.5));
-            let target: Point = std::array::from_fn(|r| task.target[r] + AWAY * by[r]);
+            let [x, y, up, time] =
+                draws.map(|draw| side * (f64::from(draw) / f64::from(u32::MAX) - 0.5));
+            let across = [x * cos - y * sin, x * sin + y * cos, up];
+            let target: Point = std::array::from_fn(|r| task.target[r] + AWAY * across[r]);
             // No further from the base than where the arm was seen to reach.
             let [most, far] = [task.target, target].map(|to| distance(to, [0.0; 3]));
             let within = if far > most { most / far } else { 1.0 };
             let target = target.map(|x| x * within);
-            let seconds = outset.seconds * (PACES * by[3]).exp();
+            let seconds = outset.seconds * (PACES * time).exp();
             let outset = Outset {
                 target,
                 seconds,

@@ -198,14 +198,8 @@ fn another_persons_map_is_adapted_and_what_it_saves_is_told() {
     });
     assert_eq!(before.len(), after.len());
     for ((name, before), (_, after)) in before.into_iter().zip(after) {
-        // Polynomials are also fitted to reaches that are made up around the recorded ones, which do not turn with them.
-        let most = if name.contains("map for predicted paths") {
-            0.25
-        } else {
-            0.1
-        };
         assert!(
-            (before - after).abs() < most * before + 1e-9,
+            (before - after).abs() < 0.1 * before + 1e-9,
             "{name}: {before} {after}"
         );
     }
