@@ -17,6 +17,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
+use sinew_protocol::frame::CHECK;
 
 use crate::finish::Winner;
 use crate::gpu::{Gpu, GpuError};
@@ -409,16 +410,6 @@ impl Search {
         Ok(())
     }
 
-    /// Whether every island has as many members and genes as it should.
-    fn is_whole(&self, genes: usize) -> bool {
-        self.islands.iter().all(|island| {
-            island.genes.len() == genes
-                && island.genes.iter().all(|row| row.len() == ISLAND)
-                && island.scores.len() == ISLAND
-                && island.best.len() == genes
-        })
-    }
-
     fn progress(&self, problem: &Problem) -> Progress {
         let bests = bests(&self.islands, problem.islands);
         let members = self
@@ -752,9 +743,8 @@ fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Resul
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     path: PathBuf,
-    /// All that the search's outcome depends on but the number of generations.
+    /// All that the search's outcome depends on but the number of generations: with it goes how large everything is.
     identity: String,
-    genes: usize,
 }
 
 /// What a checkpoint's file is found to hold.
@@ -768,7 +758,7 @@ pub enum Kept {
     Nothing,
 }
 
-/// What the file holds.
+/// What the file holds, followed by its checksum.
 #[derive(Serialize, Deserialize)]
 struct File<S> {
     identity: String,
@@ -780,11 +770,10 @@ impl Checkpoint {
     /// last bits of every score.
     pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("7 {backend} {problem:?}");
+        let identity = format!("8 {backend} {problem:?}");
         Checkpoint {
             path: folder.join("learning.checkpoint"),
             identity,
-            genes: problem.genes(),
         }
     }
 
@@ -798,10 +787,8 @@ impl Checkpoint {
         let Ok(bytes) = std::fs::read(&self.path) else {
             return Kept::Nothing;
         };
-        match postcard::from_bytes::<File<Search>>(&bytes) {
-            Ok(file) if file.identity == self.identity && file.search.is_whole(self.genes) => {
-                Kept::Search(Box::new(file.search))
-            }
+        match postcard::from_bytes_crc32::<File<Search>>(&bytes, CHECK.digest()) {
+            Ok(file) if file.identity == self.identity => Kept::Search(Box::new(file.search)),
             _ => Kept::Other,
         }
     }
@@ -815,8 +802,8 @@ impl Checkpoint {
             identity: self.identity.clone(),
             search,
         };
-        let bytes =
-            postcard::to_stdvec(&file).map_err(|error| wrong(std::io::Error::other(error)))?;
+        let bytes = postcard::to_stdvec_crc32(&file, CHECK.digest())
+            .map_err(|error| wrong(std::io::Error::other(error)))?;
         output::replace(&self.path, &bytes).map_err(wrong)
     }
 
@@ -897,8 +884,20 @@ mod tests {
         problem.seed += 1;
         let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
         assert_eq!(checkpoint.read(), Kept::Other);
-        std::fs::write(checkpoint.path(), b"damaged").unwrap();
-        assert_eq!(checkpoint.read(), Kept::Other);
+        checkpoint.write(&Search::new(&problem)).unwrap();
+        assert!(matches!(checkpoint.read(), Kept::Search(_)));
+        let whole = std::fs::read(checkpoint.path()).unwrap();
+        let damaged = |bytes: &[u8]| {
+            std::fs::write(checkpoint.path(), bytes).unwrap();
+            assert_eq!(checkpoint.read(), Kept::Other);
+        };
+        for bit in (0..8 * whole.len()).step_by(997) {
+            let mut bytes = whole.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            damaged(&bytes);
+        }
+        damaged(&whole[..whole.len() - 1]);
+        damaged(b"");
         checkpoint.remove();
         assert_eq!(checkpoint.read(), Kept::Nothing);
     }
