@@ -26,12 +26,16 @@ pub const SEGMENTS: [f64; 3] = [0.32, 0.25, 0.09];
 /// A tip nearer than this to its target is there, metres.
 pub const NEAR: f32 = 2e-3;
 
-/// Getting nearer by less than this, metres...
+/// Getting nearer by less than this, metres, or by less than the pace lets the arm's length go in so many ticks...
 const PROGRESS: f32 = 5e-4;
+const PROGRESS_TICKS: f32 = 4.0;
 /// ...for so many ticks ends a motion...
 const PATIENCE: u32 = RATE_HZ / 2;
 /// ...and for so many halves its speed.
 const FADE: f32 = RATE_HZ as f32 / 8.0;
+
+/// A sigmoid that is half way later than this, seconds, is not waited for.
+const LATEST: f32 = 20.0;
 
 /// How a synergy makes the arm move.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +77,7 @@ impl Style {
             stepper,
             rate,
             synergy: synergy.paced(PERIOD)?,
-            delay,
+            delay: delay.least(LATEST),
         })
     }
 }
@@ -180,7 +184,8 @@ impl Arm {
         self.pace = pace;
     }
 
-    /// Begins a motion with the arm's synergy, or changes the one that runs.
+    /// Begins a motion with the arm's synergy. In mid-motion it goes on from where the arm is and as fast as it is, and the
+    /// synergy's sigmoids begin anew.
     ///
     /// # Errors
     /// A coordinate that is NaN or infinite; then nothing changes.
@@ -302,8 +307,10 @@ impl Arm {
     fn look(&mut self, tip: [f32; 3], target: [f32; 3]) {
         let [x, y, z] = [tip[0] - target[0], tip[1] - target[1], tip[2] - target[2]];
         self.distance = Real::sqrt(x * x + y * y + z * z);
-        let began = self.motion.ticks() as f32 * PERIOD > self.now.delay;
-        if !began || self.distance < self.nearest - PROGRESS {
+        // Once it is there nothing is waited for.
+        let waits = self.motion.ticks() as f32 * PERIOD <= self.now.delay && self.distance > NEAR;
+        let progress = PROGRESS.least(self.length * self.pace.most() * PROGRESS_TICKS);
+        if waits || self.distance < self.nearest - progress {
             self.nearest = self.distance;
             self.nearest_at = self.motion.ticks();
         } else if self.motion.ticks() - self.nearest_at > PATIENCE {

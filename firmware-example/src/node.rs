@@ -65,7 +65,11 @@ impl<F: NorFlash> Node<F> {
     #[inline(never)]
     fn restore(&mut self) {
         match self.store.load().map(|settings| self.check(&settings)) {
-            Some(Ok(checked)) => self.take(checked),
+            Some(Ok(checked)) => {
+                self.take(checked);
+                // The chain's own limits may leave out where the default arm hangs.
+                self.arm.put(*self.arm.angles());
+            }
             None if self.store.is_blank() => {}
             _ => self.faults.add(Faults::STORAGE),
         }
@@ -113,7 +117,8 @@ impl<F: NorFlash> Node<F> {
     }
 
     fn answer(&mut self, sequence: u32, request: &Request) -> Reply {
-        if sequence <= self.sequence {
+        // Numbers wrap: one that is less than half of all of them ahead is a later one, so that none is the last.
+        if !(1..1 << 31).contains(&sequence.wrapping_sub(self.sequence)) {
             return Reply::Refused(Refusal::Replayed(self.sequence));
         }
         self.sequence = sequence;
@@ -134,6 +139,7 @@ impl<F: NorFlash> Node<F> {
                     return Err(Refusal::Stopped);
                 }
                 self.arm.go_to(*target).map_err(convert::refusal)?;
+                self.faults.remove(Faults::SILENT);
             }
             Request::Reach { target, seconds } => {
                 if self.arm.mode() == Mode::Stopped {
@@ -141,7 +147,9 @@ impl<F: NorFlash> Node<F> {
                 }
                 let confidence = self.arm.reach(*target, *seconds);
                 let confidence = confidence.map_err(convert::refusal)?;
-                return confidence.map(Reply::Reaching).ok_or(Refusal::NoMap);
+                let confidence = confidence.ok_or(Refusal::NoMap)?;
+                self.faults.remove(Faults::SILENT);
+                return Ok(Reply::Reaching(confidence));
             }
             Request::LoadSynergy(synergy) => {
                 self.change(&|settings| settings.synergy = Some(synergy.clone()))?;
@@ -160,10 +168,15 @@ impl<F: NorFlash> Node<F> {
         if !self.arm.is_at_rest() {
             return Err(Refusal::Moving);
         }
-        let mut settings = self.store.load().unwrap_or_default();
+        // What is stored and not valid is not what moves the arm: it is not kept either.
+        let stored = self.store.load();
+        let mut settings = stored
+            .filter(|settings| self.check(settings).is_ok())
+            .unwrap_or_default();
         edit(&mut settings);
         let checked = self.check(&settings)?;
         self.store.save(&settings).map_err(|_| Refusal::Storage)?;
+        self.faults.remove(Faults::STORAGE);
         self.take(checked);
         Ok(())
     }
@@ -227,7 +240,8 @@ impl<F: NorFlash> Node<F> {
     }
 
     fn report(&mut self) -> Report {
-        let mut faults = core::mem::take(&mut self.faults);
+        let mut faults = self.faults;
+        self.faults.remove(Faults::OVERRUN);
         if self.arm.is_short() {
             faults.add(Faults::SHORT);
         }

@@ -26,6 +26,11 @@ impl Pace {
         }
     }
 
+    /// The longest step, rad (or m) a tick.
+    pub fn most(&self) -> f32 {
+        self.most
+    }
+
     /// How much of a posture's change to take: 1, or less where the longest of its steps, `longest`, is above the limit
     /// or could not be stopped within `room`. All DoFs are slowed alike, so that the hand keeps its way.
     pub fn share(&self, longest: f32, room: f32) -> f32 {

@@ -7,6 +7,9 @@ use crate::board::Board;
 use crate::node::Node;
 use crate::servo::Calibration;
 
+/// Bytes of the line that are looked at before the next tick is: some twenty times what comes at 115,200 baud.
+const AT_ONCE: usize = 256;
+
 /// Forever.
 pub fn run<B: Board, F: NorFlash>(mut board: B, mut node: Node<F>) -> ! {
     loop {
@@ -25,7 +28,10 @@ pub fn turn<B: Board, F: NorFlash>(board: &mut B, node: &mut Node<F>) -> bool {
         node.spent(board.now().wrapping_sub(before), period);
     }
     let mut reply = [0; MOST_REPLY];
-    while let Some(byte) = board.read() {
+    for _ in 0..AT_ONCE {
+        let Some(byte) = board.read() else {
+            break;
+        };
         if let Some(frame) = node.receive(byte, &mut reply) {
             board.write(frame);
         }

@@ -33,7 +33,7 @@ impl<F: NorFlash> Store<F> {
         self.record(page).map(|record| record.settings)
     }
 
-    /// Whether a page holds something, valid or not.
+    /// Whether no page holds anything, valid or not.
     pub fn is_blank(&mut self) -> bool {
         self.pages.into_iter().all(|page| {
             let mut bytes = [0xff; 4];
@@ -41,11 +41,14 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// Saves.
+    /// Saves, where the newest record does not hold the same already: a page bears some ten thousand erasures.
     ///
     /// # Errors
     /// The flash did not erase or write.
     pub fn save(&mut self, settings: &Settings) -> Result<(), StoreError> {
+        if self.holds(settings) {
+            return Ok(());
+        }
         let (page, count) = match self.newest() {
             Some((page, count)) => (1 - page, count.wrapping_add(1)),
             None => (0, 0),
@@ -62,9 +65,16 @@ impl<F: NorFlash> Store<F> {
             .saturating_mul(F::WRITE_SIZE);
         let at = self.pages.get(page).copied().ok_or(StoreError)?;
         let end = at.saturating_add(Self::PAGE as u32);
-        self.flash.erase(at, end).map_err(|_| StoreError)?;
         let bytes = bytes.get(..blocks).ok_or(StoreError)?;
+        self.flash.erase(at, end).map_err(|_| StoreError)?;
         self.flash.write(at, bytes).map_err(|_| StoreError)
+    }
+
+    /// Whether these were saved last.
+    // What it needs of the stack is free again before the rest is written.
+    #[inline(never)]
+    fn holds(&mut self, settings: &Settings) -> bool {
+        self.load().is_some_and(|last| last == *settings)
     }
 
     /// The page with the newest valid record, and its count.

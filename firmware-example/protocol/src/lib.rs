@@ -2,8 +2,9 @@
 //!
 //! A frame on the line is `COBS(postcard(Envelope) ‖ CRC-32C) ‖ 0x00`: COBS leaves no zero inside a frame, so that a
 //! receiver that lost its place finds it again at the next zero; the CRC (Castagnoli's polynomial, RFC 3720 appendix
-//! B.4) refuses what noise made of a frame. Every request has a sequence number above the one before; the controller
-//! refuses any other, so that a frame that a line repeats or delays moves nothing twice.
+//! B.4) refuses what noise made of a frame. Every request has a sequence number ahead of the one before, by less than 2³¹,
+//! for numbers wrap; the controller refuses any other, so that a frame that a line repeats or delays moves nothing twice.
+//! After a reset it counts from 0 again.
 //!
 //! - [`message`]: requests, replies, and what they carry
 //! - [`frame`]: encoding, and a receiver that takes one byte at a time

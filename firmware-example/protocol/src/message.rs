@@ -11,7 +11,7 @@ pub const DOFS: usize = 7;
 /// A message with its number. A reply bears its request's number, or 0 where that could not be read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope<T> {
-    /// Above that of every request before it. The first is 1.
+    /// Ahead of that of every request before it, by less than 2³¹: it wraps. The first is 1.
     pub sequence: u32,
     /// The message.
     pub body: T,
@@ -71,7 +71,7 @@ pub enum Refusal {
     Garbled,
     /// Longer than any frame of this protocol.
     TooLong,
-    /// Its sequence number is not above the last accepted one, which this is.
+    /// Its sequence number is not ahead of the last accepted one, which this is.
     Replayed(u32),
     /// What it carries is not valid.
     Invalid {
@@ -118,18 +118,18 @@ pub enum Mode {
     Stopped,
 }
 
-/// Faults since they were last reported; a set of bits.
+/// What went wrong; a set of bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Faults(pub u8);
 
 impl Faults {
-    /// The line was silent for too long, and the arm was held.
+    /// The line was silent for too long, and the arm was held; told until the next motion begins.
     pub const SILENT: Faults = Faults(1);
     /// The arm came to rest short of its target: this is the nearest it gets.
     pub const SHORT: Faults = Faults(1 << 1);
-    /// A tick took longer than its period.
+    /// A tick took longer than its period; told once.
     pub const OVERRUN: Faults = Faults(1 << 2);
-    /// What the flash page held was not valid; defaults are in use.
+    /// What the flash page held was not valid, and defaults are in use; told until something valid is saved.
     pub const STORAGE: Faults = Faults(1 << 3);
 
     /// Whether all of `other` are among these.
@@ -141,6 +141,11 @@ impl Faults {
     pub fn add(&mut self, other: Faults) {
         self.0 |= other.0;
     }
+
+    /// Takes `other` away.
+    pub fn remove(&mut self, other: Faults) {
+        self.0 &= !other.0;
+    }
 }
 
 /// How the arm is.
@@ -148,7 +153,7 @@ impl Faults {
 pub struct Report {
     /// What it does.
     pub mode: Mode,
-    /// What went wrong since the last report.
+    /// What went wrong.
     pub faults: Faults,
     /// Ticks since the present motion began.
     pub ticks: u32,

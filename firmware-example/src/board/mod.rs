@@ -30,21 +30,21 @@ pub trait Board {
     /// The next byte that the line brought.
     fn read(&mut self) -> Option<u8>;
 
-    /// Sends bytes.
-    fn write(&mut self, bytes: &[u8]);
+    /// Sends a frame while other things go on. It is lost where what was sent before leaves no room: the host asks again.
+    fn write(&mut self, frame: &[u8]);
 
     /// The servos' channels, from the shoulder on.
     fn servos(&mut self) -> [Channel<'_>; DOFS];
 }
 
-/// Bytes that an interrupt puts in and the main loop takes out.
+/// Bytes between an interrupt and the main loop: those of the line that come, or those that go.
 #[cfg(any(feature = "qemu", feature = "stm32f411"))]
-pub(crate) struct Inbox(critical_section::Mutex<core::cell::RefCell<heapless::Deque<u8, 256>>>);
+pub(crate) struct Queue(critical_section::Mutex<core::cell::RefCell<heapless::Deque<u8, 256>>>);
 
 #[cfg(any(feature = "qemu", feature = "stm32f411"))]
-impl Inbox {
+impl Queue {
     pub const fn new() -> Self {
-        Inbox(critical_section::Mutex::new(core::cell::RefCell::new(
+        Queue(critical_section::Mutex::new(core::cell::RefCell::new(
             heapless::Deque::new(),
         )))
     }
@@ -53,6 +53,16 @@ impl Inbox {
     pub fn put(&self, byte: u8) {
         critical_section::with(|cs| {
             let _full = self.0.borrow_ref_mut(cs).push_back(byte);
+        });
+    }
+
+    /// Puts all of a frame in, or nothing of it.
+    pub fn put_all(&self, frame: &[u8]) {
+        critical_section::with(|cs| {
+            let mut queue = self.0.borrow_ref_mut(cs);
+            if queue.len() + frame.len() <= queue.capacity() {
+                queue.extend(frame);
+            }
         });
     }
 

@@ -15,7 +15,7 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use embedded_storage::nor_flash::{self, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use sinew_protocol::DOFS;
 
-use super::{Board, Inbox};
+use super::{Board, Queue};
 use crate::RATE_HZ;
 use crate::servo::{Calibration, Channel};
 use crate::store::Store;
@@ -29,10 +29,12 @@ const UART0: usize = 0x4000_4000;
 
 /// Interrupt numbers.
 const UART0_RECEIVE: i16 = 0;
+const UART0_SEND: i16 = 1;
 const TIMER0_OVER: i16 = 8;
 
 static PERIOD_OVER: AtomicBool = AtomicBool::new(false);
-static INBOX: Inbox = Inbox::new();
+static INBOX: Queue = Queue::new();
+static OUTBOX: Queue = Queue::new();
 
 fn read(peripheral: usize, offset: usize) -> u32 {
     // SAFETY: only called with registers of the board's peripherals, aligned, which are always there.
@@ -56,6 +58,10 @@ unsafe fn DefaultHandler(number: i16) {
             write(UART0, 0xc, 1 << 1);
             receive();
         }
+        UART0_SEND => {
+            write(UART0, 0xc, 1);
+            send();
+        }
         _ => {}
     }
 }
@@ -65,6 +71,15 @@ unsafe fn DefaultHandler(number: i16) {
 fn receive() {
     while INBOX.has_room() && read(UART0, 4) & 1 << 1 != 0 {
         INBOX.put(read(UART0, 0) as u8);
+    }
+}
+
+/// What is to go, as far as the line takes it: an interrupt tells when it takes more.
+fn send() {
+    while read(UART0, 4) & 1 == 0
+        && let Some(byte) = OUTBOX.take()
+    {
+        write(UART0, 0, u32::from(byte));
     }
 }
 
@@ -83,12 +98,13 @@ impl Qemu {
         write(TIMER1, 8, u32::MAX);
         write(TIMER1, 4, u32::MAX);
         write(TIMER1, 0, 1);
-        // 115,200 baud; send, receive, interrupt on receive.
+        // 115,200 baud; send, receive, an interrupt on each.
         write(UART0, 0x10, CLOCK_HZ / 115_200);
-        write(UART0, 8, 1 | 1 << 1 | 1 << 3);
+        write(UART0, 8, 1 | 1 << 1 | 1 << 2 | 1 << 3);
         // SAFETY: the handler for these is in place, and no critical section relies on them being masked.
         unsafe {
             cortex_m::peripheral::NVIC::unmask(Line(UART0_RECEIVE as u16));
+            cortex_m::peripheral::NVIC::unmask(Line(UART0_SEND as u16));
             cortex_m::peripheral::NVIC::unmask(Line(TIMER0_OVER as u16));
             cortex_m::interrupt::enable();
         }
@@ -146,11 +162,9 @@ impl Board for Qemu {
         })
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            while read(UART0, 4) & 1 != 0 {}
-            write(UART0, 0, u32::from(byte));
-        }
+    fn write(&mut self, frame: &[u8]) {
+        OUTBOX.put_all(frame);
+        critical_section::with(|_| send());
     }
 
     fn servos(&mut self) -> [Channel<'_>; DOFS] {

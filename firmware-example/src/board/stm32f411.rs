@@ -21,10 +21,10 @@ use stm32f4xx_hal::flash::{self, FlashExt, LockedFlash};
 use stm32f4xx_hal::pac::{self, DWT, NVIC, TIM2, TIM3, TIM4, USART2, interrupt};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Config as Clocks;
-use stm32f4xx_hal::serial::{Config as Line, Rx, RxListen, Serial, Tx};
+use stm32f4xx_hal::serial::{Config as Line, Rx, RxListen, Serial, Tx, TxListen};
 use stm32f4xx_hal::timer::{CounterHz, Event, PwmChannel};
 
-use super::{Board, Inbox};
+use super::{Board, Queue};
 use crate::RATE_HZ;
 use crate::servo::{Calibration, Channel};
 use crate::store::Store;
@@ -38,9 +38,11 @@ const FRAME_US: u32 = 20_000;
 const PAGES: [u32; 2] = [256 * 1024, 384 * 1024];
 
 static PERIOD_OVER: AtomicBool = AtomicBool::new(false);
-static INBOX: Inbox = Inbox::new();
+static INBOX: Queue = Queue::new();
+static OUTBOX: Queue = Queue::new();
 static TIMER: Mutex<RefCell<Option<CounterHz<TIM2>>>> = Mutex::new(RefCell::new(None));
 static RECEIVER: Mutex<RefCell<Option<Rx<USART2>>>> = Mutex::new(RefCell::new(None));
+static SENDER: Mutex<RefCell<Option<Tx<USART2>>>> = Mutex::new(RefCell::new(None));
 
 #[interrupt]
 fn TIM2() {
@@ -61,12 +63,20 @@ fn USART2() {
                 INBOX.put(byte);
             }
         }
+        if let Some(sender) = SENDER.borrow_ref_mut(cs).as_mut()
+            && sender.is_tx_empty()
+        {
+            match OUTBOX.take() {
+                // There is room: it does not wait.
+                Some(byte) => drop(sender.write(byte)),
+                None => sender.unlisten(),
+            }
+        }
     });
 }
 
 /// The board.
 pub struct Stm32f411 {
-    line: Tx<USART2>,
     first: (
         PwmChannel<TIM3, 0>,
         PwmChannel<TIM3, 1>,
@@ -111,7 +121,7 @@ impl Stm32f411 {
 
         let settings = Line::default().baudrate(115_200.bps());
         let serial = Serial::new(chip.USART2, (a.pa2, a.pa3), settings, &mut rcc).ok()?;
-        let (line, mut receiver) = serial.split();
+        let (sender, mut receiver) = serial.split();
         receiver.listen();
         let mut timer = chip.TIM2.counter_hz(&mut rcc);
         timer.listen(Event::Update);
@@ -119,6 +129,7 @@ impl Stm32f411 {
         critical_section::with(|cs| {
             TIMER.borrow_ref_mut(cs).replace(timer);
             RECEIVER.borrow_ref_mut(cs).replace(receiver);
+            SENDER.borrow_ref_mut(cs).replace(sender);
         });
         // SAFETY: the handlers are in place, and no critical section relies on these being masked.
         unsafe {
@@ -126,7 +137,7 @@ impl Stm32f411 {
             NVIC::unmask(pac::Interrupt::USART2);
         }
         let store = Store::new(Flash(LockedFlash::new(chip.FLASH)), PAGES);
-        Some((Stm32f411 { line, first, last }, store))
+        Some((Stm32f411 { first, last }, store))
     }
 }
 
@@ -158,9 +169,13 @@ impl Board for Stm32f411 {
         INBOX.take()
     }
 
-    fn write(&mut self, bytes: &[u8]) {
-        // It waits for room, and cannot fail.
-        let _sent = self.line.bwrite_all(bytes);
+    fn write(&mut self, frame: &[u8]) {
+        OUTBOX.put_all(frame);
+        critical_section::with(|cs| {
+            if let Some(sender) = SENDER.borrow_ref_mut(cs).as_mut() {
+                sender.listen();
+            }
+        });
     }
 
     fn servos(&mut self) -> [Channel<'_>; DOFS] {

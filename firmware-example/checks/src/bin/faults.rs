@@ -5,14 +5,16 @@
 use cortex_m::peripheral::SCB;
 use sinew_checks::say;
 use sinew_firmware::RATE_HZ;
+use sinew_firmware::board::Board;
 use sinew_firmware::board::qemu::{Qemu, RamFlash};
 use sinew_firmware::learned;
 use sinew_firmware::node::Node;
-use sinew_firmware::servo::Calibration;
+use sinew_firmware::run::turn;
+use sinew_firmware::servo::{Calibration, Channel};
 use sinew_firmware::store::Store;
 use sinew_protocol::{
     Chain, Envelope, Faults, Joint, Limits, MOST_FRAME, Map, Mode, Model, Reason, Receiver,
-    Refusal, Reply, Report, Request, Stepper, Synergy, Transform, encode,
+    Refusal, Reply, Report, Request, Settings, Stepper, Synergy, Transform, encode,
 };
 
 sinew_checks::entry!(all);
@@ -334,10 +336,119 @@ fn a_silent_line_holds_the_arm() -> Outcome {
         bench.report()?.faults.has(Faults::SILENT),
         "it does not say so",
     )?;
+    // The report may be lost.
+    check(
+        bench.report()?.faults == Faults::SILENT,
+        "it says so only once",
+    )?;
+    bench.done(Request::GoTo(FRONT))?;
     check(
         bench.report()?.faults == Faults::default(),
-        "a fault is told twice",
+        "the fault is told of the next motion",
     )
+}
+
+/// The board on a line that never ends to bring frames that are none.
+struct Flooded(Qemu, bool);
+
+impl Board for Flooded {
+    const SERVOS: [Calibration; 7] = Qemu::SERVOS;
+    const FRAME: f32 = Qemu::FRAME;
+
+    fn wait(&mut self) -> bool {
+        true
+    }
+
+    fn now(&self) -> u32 {
+        self.0.now()
+    }
+
+    fn period(&self) -> u32 {
+        self.0.period()
+    }
+
+    fn read(&mut self) -> Option<u8> {
+        self.1 = !self.1;
+        Some(u8::from(self.1))
+    }
+
+    fn write(&mut self, _: &[u8]) {}
+
+    fn servos(&mut self) -> [Channel<'_>; 7] {
+        self.0.servos()
+    }
+}
+
+fn a_line_full_of_noise_does_not_keep_the_arm_from_its_ticks() -> Outcome {
+    let mut bench = Bench::new()?;
+    bench.done(Request::GoTo(FRONT))?;
+    let mut board = Flooded(Qemu::start().ok_or("no board")?.0, false);
+    for _ in 0..Limits::DEFAULT.silence_ms + 200 {
+        turn(&mut board, &mut bench.node);
+    }
+    check(
+        bench.node.arm().mode() == Mode::Holding,
+        "noise keeps it going",
+    )
+}
+
+fn no_number_is_the_last() -> Outcome {
+    let mut bench = Bench::new()?;
+    for number in [0x7fff_ffff, 0xffff_fffe] {
+        bench.sequence = number - 1;
+        bench.done(Request::GoTo(FRONT))?;
+    }
+    // Beyond the greatest there are more.
+    let mut ask = |sequence, body| {
+        let mut buffer = [0; MOST_FRAME];
+        let frame = encode(&Envelope { sequence, body }, &mut buffer).map_err(|_| "no frame")?;
+        Ok(bench.send(frame).map(|reply| reply.body))
+    };
+    for number in [0xffff_ffff, 0, 1] {
+        check(
+            ask(number, Request::Stop)? == Some(Reply::Done),
+            "the line is locked",
+        )?;
+    }
+    check(
+        ask(0xffff_ffff, Request::Hold)? == Some(Reply::Refused(Refusal::Replayed(1))),
+        "an old number was taken",
+    )
+}
+
+fn a_slow_arm_arrives() -> Outcome {
+    for speed in [0.01, 0.2] {
+        let mut bench = Bench::new()?;
+        let limits = Limits {
+            speed,
+            ..Limits::DEFAULT
+        };
+        bench.done(Request::SetLimits(limits))?;
+        let [x, y, z] = bench.node.arm().tip();
+        bench.done(Request::GoTo([x + 0.03, y, z]))?;
+        let motion = bench.run(30)?;
+        motion.within(&limits)?;
+        let report = bench.report()?;
+        check(
+            report.mode == Mode::Holding && report.distance < 2e-3,
+            "it gave up",
+        )?;
+    }
+    Ok(())
+}
+
+fn a_sigmoid_that_never_comes_is_not_waited_for() -> Outcome {
+    let mut bench = Bench::new()?;
+    let mut late = synergy(Stepper::Transpose, 10.0);
+    (late.model, late.parameters) = (Model::C, [1.0; 9].into_iter().collect());
+    // Half way after a million seconds.
+    if let Some(slope) = late.parameters.last_mut() {
+        *slope = 1e-6;
+    }
+    bench.done(Request::LoadSynergy(late))?;
+    bench.done(Request::GoTo(FRONT))?;
+    bench.run(30)?;
+    check(bench.node.arm().is_at_rest(), "it waits")
 }
 
 fn numbers_that_are_none_are_refused() -> Outcome {
@@ -677,6 +788,8 @@ fn a_damaged_record_leaves_the_one_before() -> Outcome {
     );
     bench.done(Request::SetLimits(slow))?;
     bench.done(Request::SetLimits(slower))?;
+    // The same again costs no erasure: the first record is still there.
+    bench.done(Request::SetLimits(slower))?;
     // The second record is in the second page: clear bits in it, as a failing flash would.
     let page = Store::<RamFlash>::PAGE as u32;
     RamFlash.write(page + 8, &[0; 4]).map_err(|_| "no flash")?;
@@ -687,9 +800,46 @@ fn a_damaged_record_leaves_the_one_before() -> Outcome {
     )?;
     RamFlash.write(8, &[0; 4]).map_err(|_| "no flash")?;
     let mut bench = Bench::boot()?;
+    for _ in 0..2 {
+        check(
+            bench.report()?.faults.has(Faults::STORAGE),
+            "it does not say that it lost its settings",
+        )?;
+    }
+    bench.done(Request::SetLimits(slow))?;
+    check(
+        bench.report()?.faults == Faults::default(),
+        "it says so though they are there again",
+    )
+}
+
+fn stored_settings_that_are_not_valid_can_be_replaced() -> Outcome {
+    erase()?;
+    let (_, mut store) = Qemu::start().ok_or("no board")?;
+    let settings = Settings {
+        synergy: Some(synergy(Stepper::Transpose, 2e6)),
+        ..Settings::default()
+    };
+    store.save(&settings).map_err(|_| "not saved")?;
+    let mut bench = Bench::boot()?;
     check(
         bench.report()?.faults.has(Faults::STORAGE),
-        "it does not say that it lost its settings",
+        "it does not say that they are not valid",
+    )?;
+    bench.done(Request::SetLimits(Limits::DEFAULT))?;
+    let mut bench = Bench::boot()?;
+    check(bench.report()?.faults == Faults::default(), "a fault")
+}
+
+fn an_arm_begins_within_the_limits_of_its_own_chain() -> Outcome {
+    let mut bench = Bench::new()?;
+    let mut bent = chain();
+    bent.joints[3].lower = 0.5;
+    bench.done(Request::LoadChain(bent))?;
+    let bench = Bench::boot()?;
+    check(
+        bench.node.arm().angles()[3] == 0.5,
+        "it is straight, which it cannot be",
     )
 }
 
@@ -749,7 +899,7 @@ fn all() -> bool {
             after_a_reset,
         );
     }
-    let tests: [(&str, fn() -> Outcome); 14] = [
+    let tests: [(&str, fn() -> Outcome); 20] = [
         ("a reach ends at its target", a_reach_ends_at_its_target),
         (
             "an unreachable target ends at the nearest reach, without shaking",
@@ -763,7 +913,17 @@ fn all() -> bool {
             "a target that changes in mid-motion makes no jump",
             a_target_that_changes_in_mid_motion_makes_no_jump,
         ),
+        ("a slow arm arrives", a_slow_arm_arrives),
+        (
+            "a sigmoid that never comes is not waited for",
+            a_sigmoid_that_never_comes_is_not_waited_for,
+        ),
         ("a silent line holds the arm", a_silent_line_holds_the_arm),
+        (
+            "a line full of noise does not keep the arm from its ticks",
+            a_line_full_of_noise_does_not_keep_the_arm_from_its_ticks,
+        ),
+        ("no number is the last", no_number_is_the_last),
         (
             "NaN and infinity are refused",
             numbers_that_are_none_are_refused,
@@ -795,6 +955,14 @@ fn all() -> bool {
         (
             "a damaged record leaves the one before",
             a_damaged_record_leaves_the_one_before,
+        ),
+        (
+            "stored settings that are not valid can be replaced",
+            stored_settings_that_are_not_valid_can_be_replaced,
+        ),
+        (
+            "an arm begins within the limits of its own chain",
+            an_arm_begins_within_the_limits_of_its_own_chain,
         ),
         (
             "pulses stay within the servos' limits",
