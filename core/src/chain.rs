@@ -99,8 +99,9 @@ impl<T: Real + Scalar, const N: usize> Chain<T, N> {
     /// 4), in chain order; the tip is one more, always.
     ///
     /// # Errors
-    /// Any number that is not finite, a length above [`MOST_LENGTH`], an angle limit above 8192 rad, a zero axis,
-    /// reversed limits, a landmark on a DoF that is not there, or not N joints.
+    /// Any number that is not finite, a length or a slide's limit above [`MOST_LENGTH`], an angle limit above 8192 rad, a
+    /// zero axis, a rotation that is no quaternion of length 1 (by more than 1 %), reversed limits, a landmark on a DoF that
+    /// is not there or before the one before, or not N joints.
     ///
     /// ```
     /// use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -445,10 +446,10 @@ fn axes_of<T: Real + Scalar>(
         finite(q.z, what, joint)?,
         finite(q.w, what, joint)?,
     ];
-    let norm = dot(&q, &q);
-    // "Unit" is a promise that a caller can break; a little is mended, more is refused.
+    let norm = dot(&q, &q).sqrt();
+    // "Unit" is a promise that a caller can break; a little is mended, more is refused, as in `Pose::new`.
     if T::all((norm - T::one()).abs().lt(T::of(1e-2))) {
-        Ok(axes_of_quaternion(q.map(|x| x / norm.sqrt())))
+        Ok(axes_of_quaternion(q.map(|x| x / norm)))
     } else {
         Err(Error::OutOfRange {
             what: "a rotation must be a quaternion of length 1",

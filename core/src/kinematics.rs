@@ -30,7 +30,7 @@ pub struct Kinematics<'a, T, const N: usize> {
 
 impl<T: Real, const N: usize> Chain<T, N> {
     /// Forward kinematics at the joint vector `q` (radians or metres): axes, origins and tip in the base frame.
-    /// Finite for every finite q; limits are not looked at.
+    /// Finite for every finite angle and every slide up to 1e30 m; limits are not looked at.
     ///
     /// ```
     /// let arm = sinew::chain::human_arm::<f64>(0.29, 0.25, 0.09)?;

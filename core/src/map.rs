@@ -18,6 +18,7 @@
 use heapless::Vec;
 
 use crate::Error;
+use crate::chain::MOST_LENGTH;
 use crate::real::Real;
 use crate::synergy::{Model, Synergy};
 use crate::vector::{Vec3, distance};
@@ -86,7 +87,7 @@ impl<T: Real, const N: usize> SynergyMap<T, N> {
     ///
     /// # Errors
     /// Another number of parameters than the model's, no target or more than [`MOST_TARGETS`], a number that is not
-    /// finite, a scale or radius that is not above 0.
+    /// below 1e30, a target beyond [`MOST_LENGTH`], a scale or radius that is not above 0.
     pub fn new(
         model: Model,
         centre: [T; INPUTS],
@@ -117,6 +118,14 @@ impl<T: Real, const N: usize> SynergyMap<T, N> {
         {
             return Err(Error::NotFinite {
                 what: "synergy map",
+                joint: None,
+            });
+        }
+        let most = T::of(MOST_LENGTH);
+        let reachable = |target: &Vec3<T>| target.iter().all(|x| T::all(!most.lt(x.abs())));
+        if !targets.iter().all(reachable) {
+            return Err(Error::OutOfRange {
+                what: "a synergy map's targets must be within 10 km",
                 joint: None,
             });
         }
@@ -166,7 +175,9 @@ impl<T: Real, const N: usize> SynergyMap<T, N> {
                 joint: None,
             });
         }
-        let target = reach.target;
+        // No arm reaches further, and no distance overflows.
+        let most = T::of(MOST_LENGTH);
+        let target = reach.target.map(|x| x.within(-most, most));
         let (near, away) = self.nearest(target);
         // No further than the radius from what was learned from.
         let share = T::select(self.radius.lt(away), self.radius / away, T::one());
@@ -280,6 +291,8 @@ mod tests {
         let at = |z: f64| gain(&map, [0.3, 0.0, z], 1.0);
         assert!((at(0.0999999) - at(0.1000001)).abs() < 1e-5);
         assert_eq!(at(0.2), at(50.0));
+        assert_eq!(at(0.2), at(9e8));
+        assert_eq!(at(0.2), at(1e29));
         assert!((at(50.0) - 1.0).abs() < 1e-12);
         let confidence = |z| {
             let reach = Reach {
@@ -310,6 +323,7 @@ mod tests {
         assert!(new(&[], &[target], 1.0, 0.1).is_err());
         assert!(new(&[row], &[], 1.0, 0.1).is_err());
         assert!(new(&[row], &[target; MOST_TARGETS + 1], 1.0, 0.1).is_err());
+        assert!(new(&[row], &[[0.0, 2e4, 0.0]], 1.0, 0.1).is_err());
         assert!(new(&[row], &[target], 0.0, 0.1).is_err());
         assert!(new(&[row], &[target], 1.0, -1.0).is_err());
         assert!(new(&[[f64::NAN; TERMS]], &[target], 1.0, 0.1).is_err());

@@ -15,8 +15,8 @@ use sinew_protocol::{
 /// How long a reply may take: a flash sector takes two seconds to erase.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// How often a request is sent before nobody seems to be there: a line without flow control loses bytes.
-const TRIES: u32 = 3;
+/// How long to one that takes no flash: before the controller finds the line silent, there is time to ask again.
+const SHORT_PATIENCE: Duration = Duration::from_millis(150);
 
 /// From one report to the next.
 const PAUSE: Duration = Duration::from_millis(20);
@@ -112,36 +112,48 @@ impl Port {
     }
 
     fn once(&mut self, request: &Request) -> Result<Reply, PlayError> {
-        self.sequence = self.sequence.saturating_add(1);
+        self.sequence = self.sequence.wrapping_add(1);
         let message = Envelope {
             sequence: self.sequence,
             body: request.clone(),
         };
         let mut buffer = [0; MOST_FRAME];
         let frame = encode(&message, &mut buffer).map_err(|_| PlayError::TooLong)?;
-        // Under the same number, with which it is carried out once.
-        for _ in 0..TRIES {
+        let patience = match request {
+            Request::LoadChain(_)
+            | Request::LoadMap(_)
+            | Request::LoadSynergy(_)
+            | Request::SetLimits(_) => PATIENCE,
+            _ => SHORT_PATIENCE,
+        };
+        let last = PATIENCE.max(2 * patience);
+        let began = Instant::now();
+        // A line without flow control loses bytes. Under the same number the request is carried out once.
+        while began.elapsed() < last {
             // A zero first ends whatever noise came before.
             self.out.write_all(&[0])?;
             self.out.write_all(frame)?;
             self.out.flush()?;
-            if let Some(reply) = self.reply()? {
+            if let Some(reply) = self.reply(patience)? {
                 return Ok(reply);
             }
         }
         Err(PlayError::Silent)
     }
 
-    /// The reply to the request sent last; none where that was lost on its way.
-    fn reply(&self) -> Result<Option<Reply>, PlayError> {
+    /// The reply to the request sent last; none where that was lost on its way, as far as this much patience tells.
+    fn reply(&self, patience: Duration) -> Result<Option<Reply>, PlayError> {
         loop {
-            match self.replies.recv_timeout(PATIENCE) {
+            match self.replies.recv_timeout(patience) {
                 Ok(reply) if reply.sequence == self.sequence => return Ok(Some(reply.body)),
                 // What was garbled has no number: the request, or noise before it.
                 Ok(Envelope {
                     sequence: 0,
                     body: Reply::Refused(Refusal::Garbled | Refusal::TooLong),
-                }) => return Ok(None),
+                }) => {
+                    thread::sleep(PAUSE);
+                    return Ok(None);
+                }
                 Ok(_) => {}
                 Err(RecvTimeoutError::Timeout) => return Ok(None),
                 Err(RecvTimeoutError::Disconnected) => return Err(PlayError::Silent),

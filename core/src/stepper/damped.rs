@@ -15,6 +15,10 @@ pub struct Damped<T> {
 impl<T: Real> Damped<T> {
     /// With damping μ (metres), from 1e-3 to 1e3: large against the singular values it is Jᵀ, small it is J⁺.
     ///
+    /// The squares of the singular values are rounded to the greatest of them: near a singularity, in `f32`, steps are wrong
+    /// by per cents where μ is below a hundredth of the arm's length, and below a thousandth by as much as they are long.
+    /// Such a μ (the default is, for an arm of 5 m) is for `f64`; J⁺ has no such bound.
+    ///
     /// # Errors
     /// μ outside that range.
     pub fn new(mu: T) -> Result<Self, Error> {

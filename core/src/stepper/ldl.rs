@@ -48,13 +48,13 @@ impl<T: Real, const M: usize> Ldl<T, M> {
     /// λ_min ≥ p·((M−1)/s)^(M−1). False where anything is NaN.
     #[inline(always)]
     pub fn is_well_conditioned(&self) -> T::Mask {
-        let by = T::of(1.0 / (M - 1) as f64) * self.trace;
+        let by = T::of(1.0 / (M as f64 - 1.0)) * self.trace;
         let mut inverse = T::one();
         for r in 0..M {
             inverse = inverse * (self.factors[r][r] * by);
         }
         // Rounding can leave a negative D where the matrix is singular, with an inverse that is large.
-        inverse.abs().lt(T::of(1.0 / (3e-4 * (M - 1) as f64)))
+        inverse.abs().lt(T::of(1.0 / (3e-4 * (M as f64 - 1.0))))
     }
 
     /// y.
