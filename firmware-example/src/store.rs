@@ -46,35 +46,41 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// The flash did not erase or write.
     pub fn save(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        if self.holds(settings) {
-            return Ok(());
-        }
-        let (page, count) = match self.newest() {
+        let newest = self.newest();
+        let (page, count) = match newest {
             Some((page, count)) => (1 - page, count.wrapping_add(1)),
             None => (0, 0),
         };
         // As a `Record` is written, without a copy of the settings.
         let record = (FORMAT, count, settings);
         // Whole blocks: no chip writes longer ones than 32 bytes.
-        let mut bytes = [0xff; MOST_RECORD.next_multiple_of(32)];
+        let mut bytes = [0xff; BUFFER];
         let flavor = CrcModifier::new(Slice::new(&mut bytes), CHECK.digest());
         let written = postcard::serialize_with_flavor(&record, flavor).map_err(|_| StoreError)?;
-        let blocks = written
-            .len()
-            .div_ceil(F::WRITE_SIZE)
-            .saturating_mul(F::WRITE_SIZE);
+        let length = written.len();
+        let saved = bytes.get(head(count)..length - CRC).ok_or(StoreError)?;
+        if newest.is_some_and(|(page, count)| self.holds(page, head(count), saved)) {
+            return Ok(());
+        }
+        let bytes = bytes
+            .get(..length.next_multiple_of(F::WRITE_SIZE))
+            .ok_or(StoreError)?;
         let at = self.pages.get(page).copied().ok_or(StoreError)?;
         let end = at.saturating_add(Self::PAGE as u32);
-        let bytes = bytes.get(..blocks).ok_or(StoreError)?;
         self.flash.erase(at, end).map_err(|_| StoreError)?;
         self.flash.write(at, bytes).map_err(|_| StoreError)
     }
 
-    /// Whether these were saved last.
-    // What it needs of the stack is free again before the rest is written.
-    #[inline(never)]
-    fn holds(&mut self, settings: &Settings) -> bool {
-        self.load().is_some_and(|last| last == *settings)
+    /// Whether these bytes are in a page, from there on.
+    fn holds(&mut self, page: usize, from: usize, bytes: &[u8]) -> bool {
+        let mut there = [0; BUFFER];
+        match (self.pages.get(page), there.get_mut(..bytes.len())) {
+            (Some(&at), Some(there)) => {
+                let at = at.saturating_add(from as u32);
+                self.flash.read(at, there).is_ok() && there == bytes
+            }
+            _ => false,
+        }
     }
 
     /// The page with the newest valid record, and its count.
@@ -97,4 +103,16 @@ impl<F: NorFlash> Store<F> {
             postcard::take_from_bytes_crc32(&bytes, CHECK.digest()).ok()?;
         (record.format == FORMAT).then_some(record)
     }
+}
+
+/// A record in whole blocks.
+const BUFFER: usize = MOST_RECORD.next_multiple_of(32);
+
+/// A record's last bytes are its checksum.
+const CRC: usize = 4;
+
+/// A record's first bytes are its format and its count, seven bits in a byte: how many these are.
+fn head(count: u32) -> usize {
+    let bytes = |number: u32| number.checked_ilog2().unwrap_or(0) as usize / 7 + 1;
+    bytes(FORMAT.into()) + bytes(count)
 }
