@@ -67,7 +67,7 @@ pub enum Reply {
 /// Why a request was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// No frame of this protocol: noise, a truncated frame, or another version's.
+    /// No frame of this protocol: noise, or a truncated frame. Another version's is found out by what it holds, not always.
     Garbled,
     /// Longer than any frame of this protocol.
     TooLong,
@@ -157,7 +157,7 @@ pub struct Report {
     pub faults: Faults,
     /// Ticks since the present motion began.
     pub ticks: u32,
-    /// The joint vector, as commanded to the servos; radians.
+    /// The joint vector, as commanded to the servos; radians, of slides metres.
     pub angles: [f32; DOFS],
     /// Where the tip is, metres in the base frame.
     pub tip: [f32; 3],
@@ -265,7 +265,7 @@ pub struct Transform {
 /// A chain's description.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chain {
-    /// From the world to the first DoF's frame before.
+    /// From the base frame, in which targets are given, to the frame that the first DoF moves in.
     pub base: Transform,
     /// From base to tip.
     pub joints: [Joint; DOFS],
@@ -282,7 +282,7 @@ pub struct Limits {
     pub speed: f32,
     /// Of every DoF: rad/s² (or m/s²), from 0.01 to 10,000.
     pub acceleration: f32,
-    /// After so long without a valid frame a motion is held, milliseconds, at least 10.
+    /// After so long without an accepted frame a motion is held, milliseconds, at least 10.
     pub silence_ms: u32,
 }
 
