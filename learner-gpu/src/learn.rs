@@ -300,13 +300,8 @@ impl Search {
             let worst = islands[island].worst();
             islands[island].settle(worst, floor);
         }
-        for (offered, (_, score)) in self
-            .offered
-            .iter_mut()
-            .zip(bests(&islands, problem.islands))
-        {
-            *offered = score;
-        }
+        let offered = bests(&islands, problem.islands);
+        let offered = offered.iter().map(|(_, score)| *score).collect();
 
         let now = mean_best(&bests(&islands, problem.islands));
         let rounds = self.bests.len() + 1;
@@ -317,8 +312,10 @@ impl Search {
             return Ok(false);
         }
 
+        // All at once: what is stopped before this is done again from the same beginning.
         self.restart(problem, &mut islands);
         self.islands = islands;
+        self.offered = offered;
         self.evaluations += count.into_inner();
         self.bests.push(self.progress(problem).best);
         self.settled = settled;
@@ -979,6 +976,37 @@ mod tests {
         assert_eq!(ready, cut);
         run(&mut ready, &problem, 2 * GENERATIONS_A_ROUND);
         assert_eq!(ready.islands, whole.islands);
+    }
+
+    #[test]
+    fn whenever_it_is_stopped_a_search_ends_as_if_it_never_was() {
+        let problem = problem();
+        let mut whole = Search::new(&problem);
+        let began = Instant::now();
+        assert_eq!(run(&mut whole, &problem, 1000), Ended::Settled);
+        let took = began.elapsed();
+        for moment in 1..12 {
+            let (mut search, stop) = (Search::new(&problem), AtomicBool::new(false));
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(took * moment / 12);
+                    stop.store(true, Ordering::Relaxed);
+                });
+                search
+                    .run(&problem, &mut Backend::Cpu, 1000, &stop, None, |_| {})
+                    .unwrap();
+            });
+            run(&mut search, &problem, 1000);
+            assert_eq!(search.islands, whole.islands, "{moment}");
+            assert_eq!(
+                (search.bests, search.offered, search.evaluations),
+                (
+                    whole.bests.clone(),
+                    whole.offered.clone(),
+                    whole.evaluations
+                )
+            );
+        }
     }
 
     #[test]

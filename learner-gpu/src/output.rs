@@ -17,11 +17,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
             .open(path)?
             .write_all(bytes);
     }
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mut beside = tempfile::NamedTempFile::new_in(folder)?;
+    let mut beside = tempfile::NamedTempFile::new_in(folder(path))?;
     beside.write_all(bytes)?;
     beside.as_file().sync_all()?;
     // A temporary file is private to its owner; what it becomes is an ordinary file.
@@ -35,6 +31,27 @@ pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     }
     beside.persist(path).map_err(|error| error.error)?;
     Ok(())
+}
+
+/// Whether [`replace`] has a place to put a file: asked before the work that it is to hold.
+///
+/// # Errors
+/// A folder there, or none that a file can be put in.
+pub fn can_replace(path: &Path) -> std::io::Result<()> {
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    match std::fs::metadata(&path) {
+        Ok(there) if there.is_dir() => Err(std::io::ErrorKind::IsADirectory.into()),
+        Ok(there) if !there.is_file() => Ok(()),
+        _ => tempfile::NamedTempFile::new_in(folder(&path)).map(|_| ()),
+    }
+}
+
+/// The folder that a file is in.
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -43,6 +44,9 @@ pub enum PlayError {
     /// A request that is no frame.
     #[error("a request does not fit a frame")]
     TooLong,
+    /// Told to by the one who plays: the arm holds.
+    #[error("stopped, and the arm holds")]
+    Stopped,
     /// The arm does not come to rest.
     #[error("the arm is not at rest after {} s", LONGEST.as_secs())]
     Endless,
@@ -143,8 +147,10 @@ impl Port {
 
     /// The reply to the request sent last; none where that was lost on its way, as far as this much patience tells.
     fn reply(&self, patience: Duration) -> Result<Option<Reply>, PlayError> {
+        let until = Instant::now() + patience;
         loop {
-            match self.replies.recv_timeout(patience) {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.replies.recv_timeout(left) {
                 Ok(reply) if reply.sequence == self.sequence => return Ok(Some(reply.body)),
                 // What was garbled has no number: the request, or noise before it.
                 Ok(Envelope {
@@ -167,7 +173,7 @@ impl Port {
     /// As [`Port::ask`].
     pub fn report(&mut self) -> Result<Report, PlayError> {
         match self.ask(&Request::Report)? {
-            Reply::Report(report) => Ok(report),
+            Reply::Report(report) if is_finite(&report) => Ok(report),
             other => Err(PlayError::Unexpected(Box::new(other))),
         }
     }
@@ -214,13 +220,21 @@ impl Port {
         }
     }
 
-    /// Tells `each` report until the arm is at rest: the last one.
+    /// Tells `each` report until the arm is at rest: the last one. Holds it where `stop` was set meanwhile.
     ///
     /// # Errors
-    /// As [`Port::ask`]; or an arm that does not come to rest.
-    pub fn watch(&mut self, mut each: impl FnMut(&Report)) -> Result<Report, PlayError> {
+    /// As [`Port::ask`]; or an arm that does not come to rest, or was to hold.
+    pub fn watch(
+        &mut self,
+        stop: &AtomicBool,
+        mut each: impl FnMut(&Report),
+    ) -> Result<Report, PlayError> {
         let began = Instant::now();
         while began.elapsed() < LONGEST {
+            if stop.load(Ordering::Relaxed) {
+                self.ask(&Request::Hold)?;
+                return Err(PlayError::Stopped);
+            }
             let report = self.report()?;
             each(&report);
             if report.mode != Mode::Moving {
@@ -230,6 +244,12 @@ impl Port {
         }
         Err(PlayError::Endless)
     }
+}
+
+/// Whether a report has no number that is none.
+fn is_finite(report: &Report) -> bool {
+    let numbers = report.angles.iter().chain(&report.tip);
+    numbers.chain([&report.distance]).all(|x| x.is_finite())
 }
 
 /// To the first address of `HOST:PORT` that answers.

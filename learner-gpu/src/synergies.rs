@@ -220,13 +220,24 @@ impl Synergies {
         if let Some(x) = motion.target.iter().find(|x| !near(x)) {
             return Err(format!("target has {x}, expected metres within 10 km"));
         }
-        let positive = [("lambda", self.lambda), ("rate_hz", self.rate_hz)];
-        match positive
+        if let Some(x) = motion.initial_posture.iter().find(|x| !near(x)) {
+            return Err(format!(
+                "initial_posture has {x:e}, expected radians or metres within 10,000"
+            ));
+        }
+        // As the options of what learns have them: within these an `f32` holds both.
+        let ranges = [
+            ("lambda", self.lambda, 1e-6..=1e5),
+            ("rate_hz", self.rate_hz, 1e-3..=1e4),
+        ];
+        match ranges
             .iter()
-            .find(|(_, value)| !(*value > 0.0 && *value < 1e6))
+            .find(|(_, value, range)| !range.contains(value))
         {
-            Some((key, value)) => Err(format!(
-                "{key} is {value}, expected a number above 0 and below 1e6"
+            Some((key, value, range)) => Err(format!(
+                "{key} is {value:e}, expected {} to {}",
+                range.start(),
+                range.end()
             )),
             None => Ok(()),
         }

@@ -322,6 +322,12 @@ fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
         synergies.motions[0].parameters[2] = 1e300;
     });
     ends(&rust(&large), 2, &["large.json", "synergy"]);
+    let thrown = changed("thrown.json", &|synergies| {
+        synergies.motions[0].initial_posture[0] = 1e300;
+    });
+    ends(&rust(&thrown), 2, &["thrown.json", "initial_posture"]);
+    let slow = changed("slow.json", &|synergies| synergies.lambda = 1e-300);
+    ends(&rust(&slow), 2, &["slow.json", "lambda"]);
     let flat = changed("flat.json", &|synergies| {
         synergies.map.as_mut().unwrap().scale[0] = 1e-60;
     });
@@ -356,6 +362,9 @@ fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
     ends(&play("127.0.0.1:1", "0,0,NaN"), 2, &["NaN"]);
     ends(&play("127.0.0.1:1", "0,0,1e300"), 2, &["metres"]);
     ends(&play("127.0.0.1:1", "-1e9,0,1e39"), 2, &["metres"]);
+    let nowhere = ["play", "--port", "127.0.0.1:1", "--target", "0,0,0"];
+    let nowhere = [&nowhere[..], &["--csv", "/nowhere/telemetry.csv"]].concat();
+    ends(&sinew(&nowhere), 2, &["/nowhere/telemetry.csv"]);
     let bare = changed("bare.json", &|synergies| synergies.map = None);
     let timed = |more: &[&str]| {
         let timed = [

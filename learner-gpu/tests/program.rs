@@ -413,6 +413,34 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
 }
 
 #[test]
+fn stopped_while_it_makes_a_map_it_leaves_what_is_there_and_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut arguments = vec!["learn", "--map", "--out", folder.path().to_str().unwrap()];
+    arguments.extend(QUICK);
+    let file = folder.path().join("synergies.json");
+    std::fs::write(&file, "of before").unwrap();
+    let mut running = command(&arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().starts_with("map: ")));
+    Command::new("kill")
+        .args(["-INT", &running.id().to_string()])
+        .status()
+        .unwrap();
+    assert_eq!(running.wait().unwrap().code(), Some(130));
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "of before");
+    assert!(folder.path().join("learning.checkpoint").exists());
+    let output = sinew(&arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("going on from generation"));
+    assert!(json(&file)["map"]["trials"].is_array());
+    assert!(!folder.path().join("learning.checkpoint").exists());
+}
+
+#[test]
 fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let long = [

@@ -123,10 +123,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         .collect::<Result<Vec<Task>, Failure>>()?;
     let bench = Bench::new(tasks).map_err(Failure::input)?;
     let paths = chosen(&arguments.paths)?;
-    if let Some(path) = &arguments.json
-        && path.is_dir()
-    {
-        return Err(Failure::Input(format!("{}: a folder", path.display())));
+    if let Some(path) = &arguments.json {
+        output::can_replace(path)
+            .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
     }
 
     let stop = Arc::new(AtomicBool::new(false));

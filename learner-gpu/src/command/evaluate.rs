@@ -28,11 +28,10 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut distances = Vec::new();
     for motion in &synergies.motions {
         let recording = recordings::find(&motion.file, beside).map_err(Failure::input)?;
-        let task = synergies
-            .task(motion, &recording.motion)
-            .map_err(Failure::input)?;
+        let wrong = |error| Failure::input(format!("{}: {error}", arguments.file.display()));
+        let task = synergies.task(motion, &recording.motion).map_err(wrong)?;
         let settings = synergies.settings(motion);
-        let distance = score(&settings, &task, &motion.parameters).map_err(Failure::input)?;
+        let distance = score(&settings, &task, &motion.parameters).map_err(wrong)?;
         distances.push((motion, distance * 100.0, task.reference.len()));
     }
     let mean = mean(distances.iter().map(|&(_, cm, _)| cm));

@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         None => None,
     };
     let fresh = Search::new(&problem);
-    can_be_written(&arguments.out, &["synergies.json"])?;
+    can_be_written(&arguments.out, &["synergies.json", "learning.checkpoint"])?;
     let (mut backend, why) = backend(options, &problem, &fresh, Some(&arguments.out))?;
     let (name, device) = named(&backend);
     super::tell!("backend {name}: {device}{why}");
@@ -106,7 +106,12 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         synergies.map =
             map::learn(&problem, &own, known.as_ref(), &stop, tell).map_err(Failure::run)?;
         if synergies.map.is_none() {
-            super::tell!("stopped: {} will have no map", arguments.out.display());
+            super::tell!(
+                "stopped before the map was there, nothing is written; the same command goes on from generation {} ({})",
+                search.generation,
+                checkpoint.path().display()
+            );
+            return Ok(ExitCode::from(130));
         }
     }
     let path = arguments.out.join("synergies.json");

@@ -8,7 +8,7 @@ use sinew_learn::motion::Point;
 use sinew_learn::output;
 use sinew_learn::play::{PlayError, Port, csv, faults};
 use sinew_learn::synergies::Synergies;
-use sinew_protocol::{Faults, Report, Request};
+use sinew_protocol::{Faults, Mode, Report, Request};
 
 use super::{Failure, choose, print, trust, usual};
 
@@ -59,6 +59,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         }
         error => Failure::run(error),
     };
+    if let Some(path) = &arguments.csv {
+        output::can_replace(path)
+            .map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+    }
+    let stop = super::search::stop()?;
     let mut port = Port::open(&arguments.port)
         .map_err(|error| Failure::input(format!("--port {}: {error}", arguments.port)))?;
     let mut reports: Vec<Report> = Vec::new();
@@ -68,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if let Some(confidence) = begun.map_err(refused)? {
         super::tell!("{}", trust("a synergy of the map", f64::from(confidence)));
     }
-    let played = port.watch(|report| {
+    let played = port.watch(&stop, |report| {
         if report.ticks >= next && printed.is_ok() {
             printed = print(&line(report));
             next = report.ticks.saturating_add(LINE);
@@ -81,7 +86,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             .map_err(|error| Failure::run(format!("{}: {error}", path.display())))?;
     }
     printed?;
+    if let Err(error @ PlayError::Stopped) = played {
+        super::tell!("{error}");
+        return Ok(ExitCode::from(130));
+    }
     let last = played.map_err(Failure::run)?;
+    if last.mode == Mode::Stopped {
+        return Err(Failure::run("somebody stopped the arm on its way"));
+    }
     print(&line(&last))?;
     let worst = reports.iter().map(|report| report.worst_cost).max();
     print(&format!(

@@ -37,6 +37,14 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
+    let in_frames = |seconds: f64| (seconds * synergies.rate_hz).round() as usize + 1;
+    if let Some(frames) = arguments.seconds.map(in_frames)
+        && !(2..=1_000_000).contains(&frames)
+    {
+        return Err(Failure::Input(format!(
+            "--seconds makes {frames} frames, expected 2 to 1000000"
+        )));
+    }
     let (motion, from) = planned(
         &synergies,
         &arguments.file,
@@ -44,15 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         arguments.target,
         arguments.seconds,
     )?;
-    let frames = match arguments.seconds {
-        Some(seconds) => (seconds * synergies.rate_hz).round() as usize + 1,
-        None => motion.frames,
-    };
-    if !(2..=1_000_000).contains(&frames) {
-        return Err(Failure::Input(format!(
-            "--seconds makes {frames} frames, expected 2 to 1000000"
-        )));
-    }
+    let frames = arguments.seconds.map_or(motion.frames, in_frames);
     let synthesis =
         synthesize(&synergies, &motion, arguments.target, frames).map_err(Failure::input)?;
     let text = synthesis.csv();
