@@ -150,16 +150,16 @@ fn a_record_of_another_layout_is_refused() {
 }
 
 fn report(node: &mut Node<Flash>) -> sinew_protocol::Report {
-    let request = sinew_protocol::Envelope {
+    let request = Envelope {
         sequence: 1,
         body: Request::Report,
     };
     let (mut there, mut back) = ([0; 64], [0; MOST_REPLY]);
-    let frame = sinew_protocol::encode(&request, &mut there).unwrap();
-    let mut receiver = sinew_protocol::Receiver::new();
+    let frame = encode(&request, &mut there).unwrap();
+    let mut receiver = Receiver::new();
     for &byte in frame.iter() {
         for &byte in node.receive(byte, &mut back).unwrap_or(&[]) {
-            if let Some(Ok(sinew_protocol::Envelope {
+            if let Some(Ok(Envelope {
                 body: Reply::Report(report),
                 ..
             })) = receiver.take(byte)
@@ -548,17 +548,19 @@ struct Spoiling {
 }
 
 impl Spoiling {
+    fn new(line: TcpStream, spoilt: fn(usize) -> bool) -> Self {
+        Spoiling {
+            line,
+            spoilt,
+            frames: 0,
+        }
+    }
+
     /// After some noise.
     fn port(chip: &Controlled, noise: &[u8], spoilt: fn(usize) -> bool) -> Port {
         let mut line = TcpStream::connect(&chip.port).unwrap();
         line.write_all(noise).unwrap();
-        let back = line.try_clone().unwrap();
-        let there = Spoiling {
-            line,
-            spoilt,
-            frames: 0,
-        };
-        Port::new(back, there)
+        Port::new(line.try_clone().unwrap(), Spoiling::new(line, spoilt))
     }
 }
 
@@ -657,14 +659,7 @@ fn a_request_whose_reply_is_lost_is_answered_when_it_is_asked_again() {
     let chip = Controlled::start();
     let line = TcpStream::connect(&chip.port).unwrap();
     let back = Losing(line.try_clone().unwrap(), true);
-    let mut port = Port::new(
-        back,
-        Spoiling {
-            line,
-            spoilt: |_| false,
-            frames: 0,
-        },
-    );
+    let mut port = Port::new(back, Spoiling::new(line, |_| false));
     assert!(matches!(port.ask(&Request::Hold), Ok(Reply::Done)));
     drop(port);
     // That it was carried out before, nothing told the host.

@@ -412,6 +412,25 @@ fn a_map_is_tried_on_reaches_left_out_and_serves_new_targets_with_its_confidence
     assert!(text(&near.stdout).contains("learned for a predicted path"));
 }
 
+/// Runs `sinew` until it tells a line that begins so, and for a while, then stops it as Ctrl-C does: what it tells then.
+fn interrupted(arguments: &[&str], at: &str, after: Duration) -> Vec<String> {
+    let mut running = command(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().starts_with(at)));
+    std::thread::sleep(after);
+    Command::new("kill")
+        .args(["-INT", &running.id().to_string()])
+        .status()
+        .unwrap();
+    let told = told.map(Result::unwrap).collect();
+    assert_eq!(running.wait().unwrap().code(), Some(130));
+    told
+}
+
 #[test]
 fn stopped_while_it_makes_a_map_it_leaves_what_is_there_and_goes_on() {
     let folder = tempfile::tempdir().unwrap();
@@ -419,18 +438,7 @@ fn stopped_while_it_makes_a_map_it_leaves_what_is_there_and_goes_on() {
     arguments.extend(QUICK);
     let file = folder.path().join("synergies.json");
     std::fs::write(&file, "of before").unwrap();
-    let mut running = command(&arguments)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().starts_with("map: ")));
-    Command::new("kill")
-        .args(["-INT", &running.id().to_string()])
-        .status()
-        .unwrap();
-    assert_eq!(running.wait().unwrap().code(), Some(130));
+    interrupted(&arguments, "map: ", Duration::ZERO);
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "of before");
     assert!(folder.path().join("learning.checkpoint").exists());
     let output = sinew(&arguments);
@@ -454,20 +462,8 @@ fn stopped_and_gone_on_with_it_learns_what_it_would_have_without_a_stop() {
     let mut arguments = vec!["learn", "--out", stopped.path().to_str().unwrap()];
     arguments.extend(QUICK);
     arguments.extend(long);
-    let mut running = command(&arguments)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
     // Long enough after it began for some generations, and seconds before it would end.
-    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().starts_with("backend")));
-    std::thread::sleep(Duration::from_millis(500));
-    Command::new("kill")
-        .args(["-INT", &running.id().to_string()])
-        .status()
-        .unwrap();
-    assert_eq!(running.wait().unwrap().code(), Some(130));
+    interrupted(&arguments, "backend", Duration::from_millis(500));
     assert!(stopped.path().join("learning.checkpoint").exists());
     assert!(!stopped.path().join("synergies.json").exists());
 
@@ -627,20 +623,11 @@ fn a_stopped_experiment_writes_nothing() {
     let mut arguments = vec!["experiment", "models", "--out", out];
     arguments.extend(QUICK);
     arguments.extend(["--generations", "100000", "--population", "8192"]);
-    let mut running = command(&arguments)
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut told = BufReader::new(running.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().starts_with("search 1 of 4")));
-    std::thread::sleep(Duration::from_millis(500));
-    Command::new("kill")
-        .args(["-INT", &running.id().to_string()])
-        .status()
-        .unwrap();
-    assert!(told.any(|line| line.unwrap().starts_with("stopped in search")));
-    assert_eq!(running.wait().unwrap().code(), Some(130));
+    let told = interrupted(&arguments, "search 1 of 4", Duration::from_millis(500));
+    assert!(
+        told.iter()
+            .any(|line| line.starts_with("stopped in search"))
+    );
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
