@@ -20,7 +20,7 @@ use std::error::Error;
 use std::fs;
 use std::hint::black_box;
 use std::process::{Command, ExitCode};
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use sinew::chain::Chain;
@@ -282,8 +282,7 @@ fn metrics(times: u32) {
 fn generations(times: u32) {
     let problem = shipped(1, 1);
     let mut islands = [Island::new(problem.genes())];
-    cpu::advance(&problem, &mut islands, 0, times, &AtomicBool::new(false))
-        .expect("it can be learned");
+    cpu::advance(&problem, &mut islands, 0, times, || false).expect("it can be learned");
     black_box(&islands);
 }
 
@@ -297,5 +296,5 @@ fn descents(times: u32) {
         beat: f32::INFINITY,
     };
     let starts = vec![start; times as usize];
-    black_box(landscape.refine(&starts, &AtomicU64::new(0), &AtomicBool::new(false)));
+    black_box(landscape.refine(&starts, &AtomicBool::new(false)));
 }

@@ -1,7 +1,6 @@
 //! The GPU path against the CPU's lanes: the same proposals, bit for bit, and the same scores to rounding.
 
-use std::sync::atomic::AtomicBool;
-
+use sinew_learn::checkpoint::Keeper;
 use sinew_learn::cpu;
 use sinew_learn::gpu::{Gpu, Which};
 use sinew_learn::kernel::anneal::{Island, UNSCORED};
@@ -14,7 +13,7 @@ const MODELS: [ModelKind; 4] = [ModelKind::A, ModelKind::B, ModelKind::C, ModelK
 
 fn advanced(problem: &Problem, from: u32, to: u32, islands: &[Island]) -> Vec<Island> {
     let mut islands = islands.to_vec();
-    cpu::advance(problem, &mut islands, from, to, &AtomicBool::new(false)).unwrap();
+    cpu::advance(problem, &mut islands, from, to, || false).unwrap();
     islands
 }
 
@@ -52,9 +51,8 @@ fn a_settled_population_scores_the_same_on_both() {
     for stepper in StepperKind::ALL {
         let problem = problem(&reaches, stepper, ModelKind::C, 4).unwrap();
         let mut search = Search::new(&problem);
-        let stop = AtomicBool::new(false);
         search
-            .run(&problem, &mut Backend::Cpu, 128, &stop, None, |_| {})
+            .run(&problem, &mut Backend::Cpu, 128, &Keeper::default(), |_| {})
             .unwrap();
         let differences = differences(&both(&problem, &search.islands));
         let most = differences[(differences.len() as f64 * 0.999) as usize - 1];
@@ -97,7 +95,6 @@ fn the_same_seed_proposes_the_same_bits_on_both() {
         return;
     }
     let reaches = &sample::shipped().unwrap()[..2];
-    let stop = AtomicBool::new(false);
     for model in MODELS {
         let problem = problem(reaches, StepperKind::Transpose, model, 2).unwrap();
         // Members without a score accept whatever is proposed: their genes are the proposals.
@@ -105,7 +102,7 @@ fn the_same_seed_proposes_the_same_bits_on_both() {
         for generation in [0, 1, 2, 77] {
             let lanes = advanced(&problem, generation, generation + 1, &islands);
             let mut gpu = Gpu::new(&problem, &islands, Which::Best).unwrap();
-            gpu.advance(generation, generation + 1, &stop).unwrap();
+            gpu.advance(generation, generation + 1, || false).unwrap();
             for (a, b) in lanes.iter().zip(gpu.islands().unwrap()) {
                 assert_eq!(a.genes, b.genes, "{model:?}, generation {generation}");
             }
@@ -129,7 +126,7 @@ fn however_its_generations_are_split_the_device_ends_with_the_same_bits() {
         let mut gpu = Gpu::new(&problem, &fresh, Which::Best).unwrap();
         let mut at = 0;
         for &to in cuts {
-            at = gpu.advance(at, to, &AtomicBool::new(false)).unwrap();
+            at = gpu.advance(at, to, || false).unwrap();
             // Read back and put on again, as a search that is stopped and goes on.
             let islands = gpu.islands().unwrap();
             gpu.replace(&problem, &islands).unwrap();

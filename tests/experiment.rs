@@ -1,9 +1,9 @@
 //! The paper's experiment: what a synergy gains on reaches, one parameter vector a motion (the paper's section 4).
 
-use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use sinew_learn::checkpoint::Keeper;
 use sinew_learn::gpu::{Gpu, Which};
 use sinew_learn::learn::{Backend, Search};
 use sinew_learn::motion::Motion;
@@ -30,13 +30,13 @@ fn distances(problem: &Problem, backend: &mut Backend, generations: u32) -> Vec<
         );
     }
     let mut search = Search::new(problem);
-    let stop = AtomicBool::new(false);
+    let keeper = Keeper::default();
     let began = Instant::now();
     let ended = search
-        .run(problem, backend, generations, &stop, None, |_| {})
+        .run(problem, backend, generations, &keeper, |_| {})
         .unwrap();
     let seconds = began.elapsed().as_secs_f64();
-    let winners = search.winners(problem, &stop, None, |_, _| {});
+    let winners = search.winners(problem, &keeper, |_, _| {});
     let winners = winners.unwrap().unwrap();
     let distances: Vec<f64> = winners
         .iter()

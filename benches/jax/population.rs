@@ -11,7 +11,6 @@
 use std::env;
 use std::error::Error;
 use std::fs;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use serde_json::json;
@@ -40,7 +39,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         task.reference.resize(FRAMES, end);
     }
     let mut islands = vec![Island::new(problem.genes()); ISLANDS];
-    let going = AtomicBool::new(false);
     match env::args().nth(1) {
         Some(file) => {
             fs::write(file, described(&problem)?.to_string())?;
@@ -48,10 +46,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => {
             for adapter in gpu::adapters() {
                 let mut on = Gpu::new(&problem, &islands, Which::Named(adapter.name.clone()))?;
-                timed(&adapter.name, |from, to| on.advance(from, to, &going))?;
+                timed(&adapter.name, |from, to| on.advance(from, to, || false))?;
             }
             timed(&cpu::describe(), |from, to| {
-                cpu::advance(&problem, &mut islands, from, to, &going)
+                cpu::advance(&problem, &mut islands, from, to, || false)
             })?;
         }
     }

@@ -15,10 +15,10 @@
 use std::env;
 use std::error::Error;
 use std::io::{self, Read, Write};
-use std::sync::atomic::AtomicBool;
 
 use serde::de::DeserializeOwned;
 use serde_json::json;
+use sinew_learn::checkpoint::Keeper;
 use sinew_learn::finish::Winner;
 use sinew_learn::kernel::proposal::{GENE, parameter};
 use sinew_learn::learn::{Backend, GENERATIONS_A_ROUND, Search};
@@ -102,14 +102,13 @@ fn ours(problem: &Problem, most: u32) -> Result<serde_json::Value, Failure> {
 
 /// Runs rounds.
 fn rounds(search: &mut Search, problem: &Problem, most: u32) -> Result<(), Failure> {
-    let never = AtomicBool::new(false);
-    search.run(problem, &mut Backend::Cpu, most, &never, None, |_| {})?;
+    search.run(problem, &mut Backend::Cpu, most, &Keeper::default(), |_| {})?;
     Ok(())
 }
 
 /// What has won after rounds that have run.
 fn winners(search: &mut Search, problem: &Problem) -> Result<Vec<Winner>, Failure> {
-    let winners = search.winners(problem, &AtomicBool::new(false), None, |_, _| {})?;
+    let winners = search.winners(problem, &Keeper::default(), |_, _| {})?;
     winners.ok_or("stopped".into())
 }
 

@@ -5,7 +5,6 @@
 //! not depend on having been measured.
 
 use std::fmt;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use crate::cpu;
@@ -68,7 +67,7 @@ pub fn faster(
     let on_cpu = forecast(problem, generations, |sample, islands| {
         let mut islands = islands.to_vec();
         let began = Instant::now();
-        cpu::advance(sample, &mut islands, 1, 1 + TIMED, &AtomicBool::new(false))?;
+        cpu::advance(sample, &mut islands, 1, 1 + TIMED, || false)?;
         Ok::<_, TaskError>(began.elapsed().as_secs_f64())
     })?;
     if on_cpu < SHORT {
@@ -105,13 +104,12 @@ fn on_device(
     generations: u32,
 ) -> Result<(Gpu, f64), GpuError> {
     let mut device = Gpu::new(problem, islands, Which::Best)?;
-    let never = AtomicBool::new(false);
     let seconds = forecast(problem, generations, |sample, islands| {
         device.replace(sample, islands)?;
         // One that does not count: drivers move buffers at first use.
-        device.advance(1, 2, &never)?;
+        device.advance(1, 2, || false)?;
         let began = Instant::now();
-        device.advance(2, 2 + TIMED, &never)?;
+        device.advance(2, 2 + TIMED, || false)?;
         Ok::<_, GpuError>(began.elapsed().as_secs_f64())
     })?;
     device.replace(problem, islands)?;

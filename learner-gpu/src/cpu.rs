@@ -1,7 +1,5 @@
 //! The search on the CPU: islands over threads, members over SIMD lanes.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use rayon::prelude::*;
 
 use crate::kernel::anneal::{Island, Place};
@@ -23,13 +21,13 @@ pub fn advance(
     islands: &mut [Island],
     from: u32,
     to: u32,
-    stop: &AtomicBool,
+    is_due: impl Fn() -> bool,
 ) -> Result<u32, TaskError> {
-    advance_on(SimdLevel::widest(), problem, islands, from, to, stop)
+    advance_on(SimdLevel::widest(), problem, islands, from, to, is_due)
 }
 
 /// Runs every island of the problem from generation `from` until `to`, and returns the generation reached: less where
-/// `stop` was set, but the same for all islands. Islands are those of set 0, then those of set 1, and so on. The level
+/// it was due to be put down, but the same for all islands. Islands are those of set 0, then those of set 1, and so on. The level
 /// and the number of threads change no bit.
 ///
 /// # Errors
@@ -40,11 +38,11 @@ pub fn advance_on(
     islands: &mut [Island],
     from: u32,
     to: u32,
-    stop: &AtomicBool,
+    is_due: impl Fn() -> bool,
 ) -> Result<u32, TaskError> {
     let dofs = problem.dofs();
     with_dofs!(dofs, N => {
-        dispatch!(level.0, S => advance_lanes::<S, N>(problem, islands, from, to, stop))
+        dispatch!(level.0, S => advance_lanes::<S, N>(problem, islands, from, to, is_due))
     }, else Err(TaskError::Dofs { found: dofs }))
 }
 
@@ -53,7 +51,7 @@ fn advance_lanes<S: Instructions, const N: usize>(
     islands: &mut [Island],
     from: u32,
     to: u32,
-    stop: &AtomicBool,
+    is_due: impl Fn() -> bool,
 ) -> Result<u32, TaskError> {
     let bounds = problem.settings.bounds(N);
     let ready = |&task: &usize| problem.tasks.get(task).map(Ready::<Lanes<S>, N>::new);
@@ -66,7 +64,7 @@ fn advance_lanes<S: Instructions, const N: usize>(
         (TICKS_A_LOOK / problem.frames_a_generation().max(1)).clamp(1, 1000) as u32;
 
     let mut at = from;
-    while at < to && !stop.load(Ordering::Relaxed) {
+    while at < to && !is_due() {
         let next = to.min(at + generations_a_look);
         let numbered = islands
             .chunks_mut(problem.islands.max(1))

@@ -16,9 +16,10 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::checkpoint::Keeper;
 use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND};
-use crate::learn::{CHECKPOINT_EVERY, Checkpoint, LearnError, Search, bests, draws};
+use crate::learn::{LearnError, Search, bests, draws};
 use crate::problem::{Problem, mean};
 use crate::refine::{Landscape, Precision, shares};
 use crate::synergies::score;
@@ -38,8 +39,6 @@ const SMOOTH: f64 = 1e-3;
 const GUESTS_WHERE_SMOOTH: usize = 2;
 /// `f32` and `f64` differ so much, as a share of the score, where strides are in `f64`.
 const RUGGED: f64 = 5e-3;
-/// Sets for each thread between two reports: so many that none waits long for the slowest.
-const SETS_AT_ONCE: usize = 8;
 
 /// A set's best parameters.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -57,79 +56,68 @@ type Scored = (Vec<f32>, f64);
 
 impl Search {
     /// Each set's best parameters, with the distance in metres of each of the set's motions by the core in `f64`. None
-    /// where `stop` was set meanwhile: `checkpoint`, where there is one, then keeps those of the sets that are done. `report`
-    /// is told the turn, and how many sets are done with it.
+    /// where it was told to stop meanwhile: what is done is kept, and it goes on from there. `report` is told the turn, and
+    /// how many sets are done with it.
     ///
     /// # Errors
-    /// A task that the core refuses, or a checkpoint that cannot be written.
+    /// A task that the core refuses.
     pub fn winners(
         &mut self,
         problem: &Problem,
-        stop: &AtomicBool,
-        checkpoint: Option<&Checkpoint>,
-        mut report: impl FnMut(usize, usize),
+        keeper: &Keeper<'_>,
+        report: impl Fn(usize, usize) + Sync,
     ) -> Result<Option<Vec<Winner>>, LearnError> {
         let landscape = Landscape::new(problem)?;
-        let mut saved = Instant::now();
-        let at_once = SETS_AT_ONCE * rayon::current_num_threads();
+        let stop = keeper.stop;
         let sets = problem.sets.len();
-        while let Some((turn, done)) = self.due(sets) {
-            report(turn, done);
+        self.work(format!("the end after {}", self.generation));
+        while let Some(turn) = self.due() {
             let began = Instant::now();
-            let count = AtomicU64::new(0);
             // A generation that the search did not get to: its draws are free.
             let generation = self.generation + 1 + turn as u32;
-            let stride = |set| {
-                let draws = |member| draws(problem, set, member, generation);
-                match turn {
-                    0 => self
-                        .pool(problem, &landscape, set)
-                        .stride(draws, &count, stop),
-                    _ => self
-                        .guests(problem, &landscape, turn, set)
-                        .visit(draws, &count, stop),
-                }
+            let pool = |set| match turn {
+                0 => self.pool(problem, &landscape, set),
+                _ => self.guests(problem, &landscape, set),
             };
-            let some = (done..sets).into_par_iter().take(at_once);
-            let found: Option<Vec<Vec<f32>>> = some.map(stride).collect();
+            let pools: Vec<Pool> = (0..sets).into_par_iter().map(pool).collect();
+            let stride = |set: usize| {
+                let draws = |member| draws(problem, set, member, generation);
+                let (pool, count) = (pools[set].clone(), AtomicU64::new(0));
+                let point = match turn {
+                    0 => pool.stride(draws, &count, stop),
+                    _ => pool.visit(draws, &count, stop),
+                };
+                let won = point
+                    .map(|point| winner(problem, set, &point))
+                    .transpose()?;
+                Ok(won.map(|won| (won, count.into_inner())))
+            };
+            let told = |done| report(turn, done);
+            let part = format!("turn {turn}");
+            let found = self.pieces(keeper, &part, sets, told, stride)?;
             self.seconds += began.elapsed().as_secs_f64();
-            if let Some(points) = &found {
-                let points = points.iter().enumerate();
-                let won = points.map(|(number, point)| winner(problem, done + number, point));
-                let won = won.collect::<Result<Vec<_>, _>>()?;
-                match self.turns.get_mut(turn) {
-                    Some(begun) => begun.extend(won),
-                    None => self.turns.push(won),
-                }
-                // What a stop cuts off is done again, and does not count.
-                self.evaluations += count.into_inner();
-            }
-            if let Some(checkpoint) = checkpoint
-                && (found.is_none() || saved.elapsed().as_secs_f64() > CHECKPOINT_EVERY)
-            {
-                checkpoint.write(self)?;
-                saved = Instant::now();
-            }
-            if found.is_none() {
+            let Some(found) = found else {
                 return Ok(None);
-            }
+            };
+            let (won, counts): (Vec<Winner>, Vec<u64>) = found.into_iter().unzip();
+            self.turns.push(won);
+            self.evaluations += counts.iter().sum::<u64>();
         }
-        Ok(self.won(sets).map(<[Winner]>::to_vec))
+        Ok(self.won().map(<[Winner]>::to_vec))
     }
 
     /// What has won for each set, where that is known.
-    pub(crate) fn won(&self, sets: usize) -> Option<&[Winner]> {
+    pub(crate) fn won(&self) -> Option<&[Winner]> {
         let last = self.turns.last()?;
-        self.due(sets).is_none().then_some(last)
+        self.due().is_none().then_some(last)
     }
 
-    /// The turn that is due, and how many sets are done with it. None where nothing new has won, or enough turns have been.
-    fn due(&self, sets: usize) -> Option<(usize, usize)> {
+    /// The turn that is due. None where nothing new has won, or enough turns have been.
+    fn due(&self) -> Option<usize> {
         match &self.turns[..] {
-            [.., last] if last.len() < sets => Some((self.turns.len() - 1, last.len())),
             [.., before, last] if before == last => None,
             turns if turns.len() > EXCHANGES => None,
-            turns => Some((turns.len(), 0)),
+            turns => Some(turns.len()),
         }
     }
 
@@ -153,14 +141,8 @@ impl Search {
     }
 
     /// What has won for a set, and what is new of other sets' winners, those that are best here.
-    fn guests<'a>(
-        &self,
-        problem: &Problem,
-        landscape: &'a Landscape<'a>,
-        turn: usize,
-        set: usize,
-    ) -> Pool<'a> {
-        let mut earlier = self.turns.iter().take(turn).rev().map(Vec::as_slice);
+    fn guests<'a>(&self, problem: &Problem, landscape: &'a Landscape<'a>, set: usize) -> Pool<'a> {
+        let mut earlier = self.turns.iter().rev().map(Vec::as_slice);
         let now = earlier.next().unwrap_or_default();
         let before = earlier.next().unwrap_or_default();
         let guests = now.iter().enumerate();
@@ -213,6 +195,7 @@ fn best(mut members: Vec<Scored>, most: usize) -> Vec<Scored> {
 }
 
 /// What goes on of a set.
+#[derive(Clone)]
 struct Pool<'a> {
     landscape: &'a Landscape<'a>,
     set: usize,
@@ -354,7 +337,8 @@ fn winner(problem: &Problem, set: usize, point: &[f32]) -> Result<Winner, TaskEr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::{Backend, GENERATIONS_A_ROUND, Kept};
+    use crate::checkpoint::{Checkpoint, Kept};
+    use crate::learn::{Backend, GENERATIONS_A_ROUND};
     use crate::problem::{ModelKind, Settings, StepperKind};
     use crate::task::{Arm, Task, facing};
     use std::sync::atomic::Ordering;
@@ -386,10 +370,9 @@ mod tests {
     /// After one round.
     fn search(problem: &Problem) -> Search {
         let mut search = Search::new(problem);
-        let stop = AtomicBool::new(false);
-        let most = GENERATIONS_A_ROUND;
+        let (most, keeper) = (GENERATIONS_A_ROUND, Keeper::default());
         search
-            .run(problem, &mut Backend::Cpu, most, &stop, None, |_| {})
+            .run(problem, &mut Backend::Cpu, most, &keeper, |_| {})
             .unwrap();
         search
     }
@@ -441,32 +424,45 @@ mod tests {
     }
 
     #[test]
-    fn what_is_stopped_goes_on_with_the_next_set_and_ends_with_the_same_bits() {
-        let at_once = SETS_AT_ONCE * rayon::current_num_threads();
-        let problem = problem(StepperKind::PseudoInverse, ModelKind::A, at_once);
+    fn what_is_stopped_goes_on_with_the_other_sets_and_ends_with_the_same_bits() {
+        let problem = problem(StepperKind::PseudoInverse, ModelKind::A, 8);
         let folder = tempfile::tempdir().unwrap();
-        let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
+        let file = folder.path().join("learning.checkpoint");
+        let checkpoint = Checkpoint::new(file, &problem, "cpu");
         let mut first = search(&problem);
         let mut whole = first.clone();
-        let never = AtomicBool::new(false);
-        let winners = whole.winners(&problem, &never, None, |_, _| {}).unwrap();
+        let never = Keeper::default();
+        let winners = whole.winners(&problem, &never, |_, _| {}).unwrap();
         let winners = winners.unwrap();
-        assert_eq!(winners.len(), 2 * at_once);
+        assert_eq!(winners.len(), 16);
 
         // In the first turn, and in the second.
-        for due in [(0, at_once), (1, at_once)] {
+        for turn in [0, 1] {
             let stop = AtomicBool::new(false);
-            let when_due = |turn, done| stop.store((turn, done) == due, Ordering::Relaxed);
-            let stopped = first.winners(&problem, &stop, Some(&checkpoint), when_due);
+            let when_due = |at, done| {
+                if at == turn && done >= 4 {
+                    stop.store(true, Ordering::Relaxed);
+                }
+            };
+            let keeper = Keeper::new(&stop, Some(&checkpoint));
+            let stopped = first.winners(&problem, &keeper, when_due);
             assert_eq!(stopped.unwrap(), None);
             let Kept::Search(kept) = checkpoint.read() else {
                 panic!("nothing kept");
             };
             first = *kept;
-            assert_eq!(first.due(problem.sets.len()), Some(due));
-            assert_eq!(first.won(problem.sets.len()), None);
+            assert_eq!(first.due(), Some(turn));
+            assert_eq!(first.won(), None);
+            // What is done of the turn is told at once.
+            let told = AtomicU64::new(0);
+            let keeper = Keeper::new(&stop, None);
+            let report = |_, done: usize| {
+                told.fetch_max(done as u64, Ordering::Relaxed);
+            };
+            assert_eq!(first.winners(&problem, &keeper, report).unwrap(), None);
+            assert!(told.into_inner() >= 4);
         }
-        let again = first.winners(&problem, &never, None, |_, _| {});
+        let again = first.winners(&problem, &never, |_, _| {});
         assert_eq!(again.unwrap().unwrap(), winners);
         assert_eq!(first.evaluations, whole.evaluations);
     }
@@ -477,26 +473,26 @@ mod tests {
         let mut problem = problem(StepperKind::PseudoInverse, ModelKind::C, 1);
         problem.sets = vec![vec![0], vec![0]];
         let mut search = search(&problem);
-        let never = AtomicBool::new(false);
-        let won = search.winners(&problem, &never, None, |_, _| {});
+        let never = Keeper::default();
+        let won = search.winners(&problem, &never, |_, _| {});
         let best = won.unwrap().unwrap().remove(0);
         let poor = winner(&problem, 1, &vec![0.5; problem.genes()]).unwrap();
         assert!(best.distances < poor.distances);
 
         let landscape = Landscape::new(&problem).unwrap();
         search.turns = vec![vec![best.clone(), poor.clone()]];
-        assert_eq!(search.due(2), Some((1, 0)));
-        assert_eq!(search.guests(&problem, &landscape, 1, 1).members.len(), 2);
-        let won = search.winners(&problem, &never, None, |_, _| {});
+        assert_eq!(search.due(), Some(1));
+        assert_eq!(search.guests(&problem, &landscape, 1).members.len(), 2);
+        let won = search.winners(&problem, &never, |_, _| {});
         let won = won.unwrap().unwrap();
         assert!(won.iter().all(|winner| winner.distances <= best.distances));
         assert_eq!(search.turns[0], [best.clone(), poor.clone()]);
 
         // The second has changed, the first has not.
         search.turns = vec![vec![best.clone(), poor], vec![best.clone(), best.clone()]];
-        assert_eq!(search.due(2), Some((2, 0)));
-        assert_eq!(search.guests(&problem, &landscape, 2, 1).members.len(), 1);
+        assert_eq!(search.due(), Some(2));
+        assert_eq!(search.guests(&problem, &landscape, 1).members.len(), 1);
         search.turns = vec![vec![best.clone()], vec![best]];
-        assert_eq!(search.due(1), None);
+        assert_eq!(search.due(), None);
     }
 }

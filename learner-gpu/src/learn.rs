@@ -12,13 +12,13 @@
 //! The best is never lost: its island is never in the worse half. The search has settled when rounds gain little more on
 //! the whole. Then the sets alone that still gain go on with descents, until they do not.
 
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-use sinew_protocol::frame::CHECK;
 
+use crate::checkpoint::{Journal, Keeper};
+use crate::cpu;
 use crate::finish::Winner;
 use crate::gpu::{Gpu, GpuError};
 use crate::guess::Guesses;
@@ -26,9 +26,8 @@ use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::philox::key;
 use crate::kernel::proposal::{Draws, ISLAND, MOST_GENES, first, gene, parameter};
 use crate::problem::{Problem, Settings, mean};
-use crate::refine::{Landscape, Start};
+use crate::refine::{Floor, Landscape, Start};
 use crate::task::TaskError;
-use crate::{cpu, output};
 
 /// Generations between two descents.
 pub const GENERATIONS_A_ROUND: u32 = 16;
@@ -60,9 +59,6 @@ const MOST_WITHIN: u32 = 16 * GENERATIONS_A_ROUND;
 /// And its islands for each set.
 const MOST_ISLANDS_WITHIN: usize = 8;
 
-/// A checkpoint is written at least this often, seconds.
-pub(crate) const CHECKPOINT_EVERY: f64 = 20.0;
-
 /// What goes wrong while learning.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -81,6 +77,9 @@ pub enum LearnError {
         /// What the system said.
         error: std::io::Error,
     },
+    /// Work that is kept in pieces cannot be written or read.
+    #[error("what is kept of the work: {0}")]
+    Journal(#[from] postcard::Error),
 }
 
 /// Where generations run.
@@ -114,8 +113,21 @@ pub struct Search {
     settled: bool,
     /// What has won for each set after each turn of the search's end ([`winners`](Self::winners)), as far as that has come.
     pub(crate) turns: Vec<Vec<Winner>>,
-    /// The search of the model within (S_A in S_B, S_C in S_D), ended.
+    /// The search of the model within (S_A in S_B, S_C in S_D), as far as it has come.
     within: Option<Box<Search>>,
+    /// That for one vector for all sets together, as far as it has come: a map begins with it.
+    jointly: Option<Box<Search>>,
+    /// What the state above says nothing of yet: the end of a round, or a map.
+    pub(crate) journal: Journal,
+}
+
+/// Which of the searches that a search has within it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Inner {
+    /// That of the model within.
+    Within,
+    /// That for one vector for all sets together.
+    Jointly,
 }
 
 /// What [`Search::run`] tells while it runs.
@@ -153,6 +165,8 @@ impl Search {
             settled: false,
             turns: Vec::new(),
             within: None,
+            jointly: None,
+            journal: Journal::default(),
         }
     }
 
@@ -160,30 +174,27 @@ impl Search {
     /// and nothing else changes. `searched` is what the other was for.
     pub fn build_on(&mut self, problem: &Problem, searched: &Problem, other: &Search) {
         let same = within(problem).is_some_and(|within| within == *searched);
-        let ended = other.settled && other.won(searched.sets.len()).is_some();
+        let ended = other.settled && other.won().is_some();
         if same && ended && other.generation <= MOST_WITHIN {
             self.within = Some(Box::new(other.clone()));
         }
     }
 
-    /// Runs until the search has settled, `generations` have run, or `stop` is set. `checkpoint`, where there is one,
-    /// is where the state is kept meanwhile; `report` is told how it goes, and in words what is out of the ordinary.
+    /// Runs until the search has settled, `generations` have run, or the `keeper` stops it. `report` is told how it goes,
+    /// and in words what is out of the ordinary.
     ///
     /// # Errors
-    /// A task that the core refuses, a device that fails where the CPU may not take over, or a checkpoint that cannot
-    /// be written.
+    /// A task that the core refuses, or a device that fails where the CPU may not take over.
     pub fn run(
         &mut self,
         problem: &Problem,
         backend: &mut Backend,
         generations: u32,
-        stop: &AtomicBool,
-        checkpoint: Option<&Checkpoint>,
+        keeper: &Keeper<'_>,
         mut report: impl FnMut(Result<Progress, String>),
     ) -> Result<Ended, LearnError> {
         let before = self.seconds;
         let began = Instant::now();
-        let mut saved = 0.0;
         let ground = Ground::new(problem)?;
         if self.generation > 0
             && let Err(error) = put_on(backend, problem, &self.islands)
@@ -194,7 +205,7 @@ impl Search {
             self.turns.clear();
             let end = self.end_of_round(generations);
             if self.generation < end
-                && let Err(error) = self.advance(problem, backend, end, stop)
+                && let Err(error) = self.advance(problem, backend, end, keeper)
             {
                 // What is here is the last read-back, whole: nothing but the time since is lost.
                 report(Err(self.fall_back(backend, error)?));
@@ -202,25 +213,20 @@ impl Search {
             }
             // A stop can come at any time: a round that has not ended is taken up where it was.
             if self.generation == end
-                && self.end_round(&ground, stop)?
+                && self.end_round(&ground, keeper)?
                 && let Err(error) = put_on(backend, problem, &self.islands)
             {
                 report(Err(self.fall_back(backend, error)?));
             }
-            let elapsed = began.elapsed().as_secs_f64();
-            self.seconds = before + elapsed;
+            self.seconds = before + began.elapsed().as_secs_f64();
             report(Ok(self.progress(problem)));
 
             // The end is kept, too: what then goes on in f64 may take its time.
             let ended = !self.goes_on(generations);
-            let stopped = !ended && stop.load(Ordering::Relaxed);
-            if let Some(checkpoint) = checkpoint
-                && (ended || stopped || elapsed - saved > CHECKPOINT_EVERY)
-            {
-                checkpoint.write(self)?;
-                saved = elapsed;
+            if ended || keeper.is_due()() {
+                keeper.keep(self);
             }
-            if stopped {
+            if !ended && keeper.stopped() {
                 return Ok(Ended::Stopped);
             }
         }
@@ -264,34 +270,34 @@ impl Search {
         }
     }
 
-    /// Descends, exchanges, restarts, and notes whether the search has settled. False, and nothing is changed, where
-    /// `stop` was set meanwhile.
-    fn end_round(&mut self, ground: &Ground<'_>, stop: &AtomicBool) -> Result<bool, LearnError> {
+    /// Descends, exchanges, restarts, and notes whether the search has settled. False where it was told to stop meanwhile:
+    /// what was done of it is kept.
+    fn end_round(&mut self, ground: &Ground<'_>, keeper: &Keeper<'_>) -> Result<bool, LearnError> {
         let Ground {
             problem, landscape, ..
         } = ground;
-        let count = AtomicU64::new(0);
         let round = Round {
             number: self.bests.len(),
             generation: self.generation,
             encore: 0,
         };
+        self.work(format!("round {} at {}", round.number, round.generation));
         let mut own = round.starts(ground, &self.islands, |_| true);
         if self.bests.is_empty() {
-            if !self.search_within(problem, stop)? {
+            if !self.search_within(problem, keeper)? {
                 return Ok(false);
             }
             own.extend(self.starts_within(problem));
         }
         let mut islands = self.islands.clone();
-        if !ground.descend(&own, &mut islands, &count, stop) {
+        let Some(mut count) = self.descend(ground, "own", &own, &mut islands, keeper)? else {
             return Ok(false);
-        }
+        };
 
         // Others' bests are tried after the descents, with what these have found.
         let offers = offers(&islands, problem.islands, &self.offered);
         let guests = guests(landscape, self.offered.len(), &offers);
-        let Some(floors) = landscape.refine(&guests, &count, stop) else {
+        let Some(floors) = self.floors(ground, "guests", &guests, keeper)? else {
             return Ok(false);
         };
         for (number, (guest, floor)) in guests.iter().zip(&floors).enumerate() {
@@ -299,6 +305,7 @@ impl Search {
             let island = first + number % problem.islands.div_ceil(2);
             let worst = islands[island].worst();
             islands[island].settle(worst, floor);
+            count += floor.evaluations;
         }
         let offered = bests(&islands, problem.islands);
         let offered = offered.iter().map(|(_, score)| *score).collect();
@@ -308,40 +315,174 @@ impl Search {
         let earlier = self.bests.get((rounds / 2).wrapping_sub(1)).copied();
         let settled =
             rounds >= LEAST_ROUNDS && earlier.is_some_and(|earlier| earlier - now < SETTLED * now);
-        if settled && !round.encores(ground, &mut islands, &count, stop) {
-            return Ok(false);
+        if settled {
+            match self.encores(ground, round, &mut islands, keeper)? {
+                Some(encores) => count += encores,
+                None => return Ok(false),
+            }
         }
 
-        // All at once: what is stopped before this is done again from the same beginning.
+        // All at once: what is stopped before this goes on from the same beginning.
         self.restart(problem, &mut islands);
         self.islands = islands;
         self.offered = offered;
-        self.evaluations += count.into_inner();
+        self.evaluations += count;
         self.bests.push(self.progress(problem).best);
         self.settled = settled;
+        self.journal = Journal::default();
         Ok(true)
     }
 
-    /// Ends the search of the model within, if there is one and it has not ended. False where `stop` was set meanwhile.
-    fn search_within(&mut self, problem: &Problem, stop: &AtomicBool) -> Result<bool, LearnError> {
-        let Some(poorer) = within(problem).filter(|_| self.within.is_none()) else {
+    /// The floors below some starts, a part of the round's end. None where it was told to stop meanwhile.
+    fn floors(
+        &mut self,
+        ground: &Ground<'_>,
+        part: &str,
+        starts: &[Start],
+        keeper: &Keeper<'_>,
+    ) -> Result<Option<Vec<Floor>>, LearnError> {
+        let floor = |number: usize| Ok(Some(ground.landscape.descend(&starts[number])));
+        self.pieces(keeper, part, starts.len(), |_| {}, floor)
+    }
+
+    /// Descends, and puts the floors in their places: how many evaluations it took. None, and no island is changed, where it
+    /// was told to stop meanwhile.
+    fn descend(
+        &mut self,
+        ground: &Ground<'_>,
+        part: &str,
+        own: &[(Place, Start)],
+        islands: &mut [Island],
+        keeper: &Keeper<'_>,
+    ) -> Result<Option<u64>, LearnError> {
+        let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
+        let Some(floors) = self.floors(ground, part, &starts, keeper)? else {
+            return Ok(None);
+        };
+        for ((place, _), floor) in own.iter().zip(&floors) {
+            islands[place.island].settle(place.member, floor);
+        }
+        Ok(Some(floors.iter().map(|floor| floor.evaluations).sum()))
+    }
+
+    /// Once the search has settled as a whole: descents for the sets alone that still gain, until they do not; how many
+    /// evaluations they took. None where it was told to stop meanwhile.
+    fn encores(
+        &mut self,
+        ground: &Ground<'_>,
+        mut round: Round,
+        islands: &mut [Island],
+        keeper: &Keeper<'_>,
+    ) -> Result<Option<u64>, LearnError> {
+        let a_set = ground.problem.islands;
+        let scores = |islands: &[Island]| -> Vec<f32> {
+            let bests = bests(islands, a_set).into_iter();
+            bests.map(|(_, score)| score).collect()
+        };
+        let mut idle = vec![0; ground.problem.sets.len()];
+        let mut before = scores(islands);
+        let mut count = 0;
+        while idle.iter().any(|&idle| idle < PATIENCE) && round.encore < MOST_ENCORES {
+            round.encore += 1;
+            let own = round.starts(ground, islands, |set| idle[set] < PATIENCE);
+            let part = format!("encore {}", round.encore);
+            match self.descend(ground, &part, &own, islands, keeper)? {
+                Some(descents) => count += descents,
+                None => return Ok(None),
+            }
+            let after = scores(islands);
+            for ((idle, before), after) in idle.iter_mut().zip(&before).zip(&after) {
+                match before - after > WORTH * after {
+                    true => *idle = 0,
+                    false => *idle += 1,
+                }
+            }
+            before = after;
+        }
+        Ok(Some(count))
+    }
+
+    /// Ends the search of the model within, if there is one and it has not ended. False where it was told to stop meanwhile.
+    fn search_within(
+        &mut self,
+        problem: &Problem,
+        keeper: &Keeper<'_>,
+    ) -> Result<bool, LearnError> {
+        let Some(poorer) = within(problem) else {
             return Ok(true);
         };
-        let mut search = Search::new(&poorer);
-        let ended = search.run(&poorer, &mut Backend::Cpu, MOST_WITHIN, stop, None, |_| {})?;
-        if ended == Ended::Stopped || search.winners(&poorer, stop, None, |_, _| {})?.is_none() {
-            return Ok(false);
+        let within = self.within.as_ref();
+        if within.is_some_and(|within| within.won().is_some()) {
+            return Ok(true);
         }
-        self.evaluations += search.evaluations;
-        self.within = Some(Box::new(search));
-        Ok(true)
+        let end =
+            |search: &mut Search, keeper: &Keeper<'_>| search.end(&poorer, MOST_WITHIN, keeper);
+        let ended = self.inside(Inner::Within, &poorer, keeper, end)?;
+        if ended.is_some() {
+            self.evaluations += self.within.as_ref().map_or(0, |within| within.evaluations);
+        }
+        Ok(ended.is_some())
+    }
+
+    /// Runs on the CPU, and gives what has won. None where it was told to stop meanwhile.
+    ///
+    /// # Errors
+    /// A task that the core refuses.
+    pub fn end(
+        &mut self,
+        problem: &Problem,
+        generations: u32,
+        keeper: &Keeper<'_>,
+    ) -> Result<Option<Vec<Winner>>, LearnError> {
+        match self.run(problem, &mut Backend::Cpu, generations, keeper, |_| {})? {
+            Ended::Stopped => Ok(None),
+            _ => self.winners(problem, keeper, |_, _| {}),
+        }
+    }
+
+    /// The best genes of each set so far.
+    pub(crate) fn bests(&self, problem: &Problem) -> Vec<&[u32]> {
+        let bests = bests(&self.islands, problem.islands).into_iter();
+        bests.map(|(genes, _)| genes).collect()
+    }
+
+    /// Begins a search within this one, or goes on with it, as far as `work` does; what comes of that.
+    ///
+    /// # Errors
+    /// Those of the work.
+    pub(crate) fn inside<R>(
+        &mut self,
+        inner: Inner,
+        problem: &Problem,
+        keeper: &Keeper<'_>,
+        work: impl FnOnce(&mut Search, &Keeper<'_>) -> Result<R, LearnError>,
+    ) -> Result<R, LearnError> {
+        let begun = self.inner(inner).take();
+        let mut search = begun.map_or_else(|| Search::new(problem), |begun| *begun);
+        let keep_both = |search: &Search| {
+            let mut whole = self.clone();
+            *whole.inner(inner) = Some(Box::new(search.clone()));
+            keeper.keep(&whole);
+        };
+        let keeper = keeper.within(keep_both);
+        let done = work(&mut search, &keeper);
+        drop(keeper);
+        *self.inner(inner) = Some(Box::new(search));
+        done
+    }
+
+    fn inner(&mut self, inner: Inner) -> &mut Option<Box<Search>> {
+        match inner {
+            Inner::Within => &mut self.within,
+            Inner::Jointly => &mut self.jointly,
+        }
     }
 
     /// A set's best of the model within, as a point of this model, which has to end no worse; none where there is no such
     /// model.
     pub(crate) fn winner_within(&self, problem: &Problem, set: usize) -> Option<Vec<f32>> {
         let (_, places) = problem.settings.nested(problem.dofs())?;
-        let won = self.within.as_ref()?.won(problem.sets.len())?;
+        let won = self.within.as_ref()?.won()?;
         let point = &won.get(set)?.point;
         places.iter().map(|&k| point.get(k).copied()).collect()
     }
@@ -387,16 +528,16 @@ impl Search {
         problem: &Problem,
         backend: &mut Backend,
         to: u32,
-        stop: &AtomicBool,
+        keeper: &Keeper<'_>,
     ) -> Result<(), LearnError> {
         let from = self.generation;
+        let is_due = keeper.is_due();
         match backend {
             Backend::Cpu => {
-                self.generation =
-                    cpu::advance(problem, &mut self.islands, self.generation, to, stop)?;
+                self.generation = cpu::advance(problem, &mut self.islands, from, to, is_due)?;
             }
             Backend::Gpu { device, .. } => {
-                let reached = device.advance(self.generation, to, stop)?;
+                let reached = device.advance(from, to, is_due)?;
                 self.islands = device.islands()?;
                 self.generation = reached;
             }
@@ -429,7 +570,7 @@ struct Round {
     /// Rounds that ended before.
     number: usize,
     generation: u32,
-    /// How often it was repeated without generations ([`encores`](Self::encores)).
+    /// How often it was repeated without generations ([`Search::encores`]).
     encore: usize,
 }
 
@@ -537,40 +678,6 @@ impl Round {
         }
         starts
     }
-
-    /// Once the search has settled as a whole: descents for the sets alone that still gain, until they do not.
-    /// False where `stop` was set meanwhile.
-    fn encores(
-        mut self,
-        ground: &Ground<'_>,
-        islands: &mut [Island],
-        count: &AtomicU64,
-        stop: &AtomicBool,
-    ) -> bool {
-        let a_set = ground.problem.islands;
-        let scores = |islands: &[Island]| -> Vec<f32> {
-            let bests = bests(islands, a_set).into_iter();
-            bests.map(|(_, score)| score).collect()
-        };
-        let mut idle = vec![0; ground.problem.sets.len()];
-        let mut before = scores(islands);
-        while idle.iter().any(|&idle| idle < PATIENCE) && self.encore < MOST_ENCORES {
-            self.encore += 1;
-            let own = self.starts(ground, islands, |set| idle[set] < PATIENCE);
-            if !ground.descend(&own, islands, count, stop) {
-                return false;
-            }
-            let after = scores(islands);
-            for ((idle, before), after) in idle.iter_mut().zip(&before).zip(&after) {
-                match before - after > WORTH * after {
-                    true => *idle = 0,
-                    false => *idle += 1,
-                }
-            }
-            before = after;
-        }
-        true
-    }
 }
 
 /// What descents go down on, made ready once.
@@ -588,24 +695,6 @@ impl<'a> Ground<'a> {
             landscape: Landscape::new(problem)?,
             guesses: Guesses::new(problem)?,
         })
-    }
-
-    /// Descends, and puts the floors in their places. False, and nothing is changed, where `stop` was set meanwhile.
-    fn descend(
-        &self,
-        own: &[(Place, Start)],
-        islands: &mut [Island],
-        count: &AtomicU64,
-        stop: &AtomicBool,
-    ) -> bool {
-        let starts: Vec<Start> = own.iter().map(|(_, start)| start.clone()).collect();
-        let Some(floors) = self.landscape.refine(&starts, count, stop) else {
-            return false;
-        };
-        for ((place, _), floor) in own.iter().zip(&floors) {
-            islands[place.island].settle(place.member, floor);
-        }
-        true
     }
 }
 
@@ -736,84 +825,12 @@ fn put_on(backend: &mut Backend, problem: &Problem, islands: &[Island]) -> Resul
     }
 }
 
-/// Where a search's state is kept while it runs, and which search it is of.
-#[derive(Clone, Debug)]
-pub struct Checkpoint {
-    path: PathBuf,
-    /// All that the search's outcome depends on but the number of generations: with it goes how large everything is.
-    identity: String,
-}
-
-/// What a checkpoint's file is found to hold.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Kept {
-    /// The search.
-    Search(Box<Search>),
-    /// Another search, or nothing that can be read.
-    Other,
-    /// There is no file.
-    Nothing,
-}
-
-/// What the file holds, followed by its checksum.
-#[derive(Serialize, Deserialize)]
-struct File<S> {
-    identity: String,
-    search: S,
-}
-
-impl Checkpoint {
-    /// The checkpoint of a problem in a folder. `backend` is part of it: backends agree in their draws, but not in the
-    /// last bits of every score.
-    pub fn new(folder: &Path, problem: &Problem, backend: &str) -> Self {
-        // Debug prints every number with all its digits.
-        let identity = format!("8 {backend} {problem:?}");
-        Checkpoint {
-            path: folder.join("learning.checkpoint"),
-            identity,
-        }
-    }
-
-    /// The file.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// The state kept, where there is one of the same search.
-    pub fn read(&self) -> Kept {
-        let Ok(bytes) = std::fs::read(&self.path) else {
-            return Kept::Nothing;
-        };
-        match postcard::from_bytes_crc32::<File<Search>>(&bytes, CHECK.digest()) {
-            Ok(file) if file.identity == self.identity => Kept::Search(Box::new(file.search)),
-            _ => Kept::Other,
-        }
-    }
-
-    pub(crate) fn write(&self, search: &Search) -> Result<(), LearnError> {
-        let wrong = |error| LearnError::Checkpoint {
-            path: self.path.clone(),
-            error,
-        };
-        let file = File {
-            identity: self.identity.clone(),
-            search,
-        };
-        let bytes = postcard::to_stdvec_crc32(&file, CHECK.digest())
-            .map_err(|error| wrong(std::io::Error::other(error)))?;
-        output::replace(&self.path, &bytes).map_err(wrong)
-    }
-
-    /// Removes it: the search is done.
-    pub fn remove(&self) {
-        // Where it was never written there is nothing to remove.
-        let _ = std::fs::remove_file(&self.path);
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
+    use crate::checkpoint::{Checkpoint, Kept};
     use crate::problem::{ModelKind, StepperKind};
     use crate::task::{Arm, Task, facing};
 
@@ -841,10 +858,23 @@ mod tests {
     }
 
     fn run(search: &mut Search, problem: &Problem, generations: u32) -> Ended {
-        let stop = AtomicBool::new(false);
+        run_with(search, problem, generations, &Keeper::default())
+    }
+
+    fn run_with(
+        search: &mut Search,
+        problem: &Problem,
+        generations: u32,
+        keeper: &Keeper<'_>,
+    ) -> Ended {
         search
-            .run(problem, &mut Backend::Cpu, generations, &stop, None, |_| {})
+            .run(problem, &mut Backend::Cpu, generations, keeper, |_| {})
             .unwrap()
+    }
+
+    fn winners(search: &mut Search, problem: &Problem) -> Vec<Winner> {
+        let winners = search.winners(problem, &Keeper::default(), |_, _| {});
+        winners.unwrap().unwrap()
     }
 
     #[test]
@@ -854,14 +884,17 @@ mod tests {
         run(&mut whole, &problem, 70);
 
         let folder = tempfile::tempdir().unwrap();
-        let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
+        let file = folder.path().join("learning.checkpoint");
+        let checkpoint = Checkpoint::new(file, &problem, "cpu");
+        let stop = AtomicBool::new(false);
+        let keeper = Keeper::new(&stop, Some(&checkpoint));
         let mut first = Search::new(&problem);
         run(&mut first, &problem, 2 * GENERATIONS_A_ROUND);
         // As a stop leaves it within a round.
         first
-            .advance(&problem, &mut Backend::Cpu, 37, &AtomicBool::new(false))
+            .advance(&problem, &mut Backend::Cpu, 37, &keeper)
             .unwrap();
-        checkpoint.write(&first).unwrap();
+        keeper.keep(&first);
         let Kept::Search(mut second) = checkpoint.read() else {
             panic!("nothing kept");
         };
@@ -872,41 +905,14 @@ mod tests {
     }
 
     #[test]
-    fn a_checkpoint_of_another_search_is_not_taken() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut problem = problem();
-        Checkpoint::new(folder.path(), &problem, "cpu")
-            .write(&Search::new(&problem))
-            .unwrap();
-        problem.seed += 1;
-        let checkpoint = Checkpoint::new(folder.path(), &problem, "cpu");
-        assert_eq!(checkpoint.read(), Kept::Other);
-        checkpoint.write(&Search::new(&problem)).unwrap();
-        assert!(matches!(checkpoint.read(), Kept::Search(_)));
-        let whole = std::fs::read(checkpoint.path()).unwrap();
-        let damaged = |bytes: &[u8]| {
-            std::fs::write(checkpoint.path(), bytes).unwrap();
-            assert_eq!(checkpoint.read(), Kept::Other);
-        };
-        for bit in (0..8 * whole.len()).step_by(997) {
-            let mut bytes = whole.clone();
-            bytes[bit / 8] ^= 1 << (bit % 8);
-            damaged(&bytes);
-        }
-        damaged(&whole[..whole.len() - 1]);
-        damaged(b"");
-        checkpoint.remove();
-        assert_eq!(checkpoint.read(), Kept::Nothing);
-    }
-
-    #[test]
     fn what_is_reported_is_the_f64_score_and_near_the_lanes_own() {
         let problem = problem();
         let mut search = Search::new(&problem);
         run(&mut search, &problem, 64);
-        let stop = AtomicBool::new(false);
-        let winners = search.winners(&problem, &stop, None, |_, _| {}).unwrap();
-        for (winner, islands) in winners.unwrap().iter().zip(search.islands.chunks(2)) {
+        for (winner, islands) in winners(&mut search, &problem)
+            .iter()
+            .zip(search.islands.chunks(2))
+        {
             let best = islands
                 .iter()
                 .map(|island| island.best_score)
@@ -957,56 +963,66 @@ mod tests {
         run(&mut whole, &problem, 2 * GENERATIONS_A_ROUND);
         let mut cut = Search::new(&problem);
         let stop = AtomicBool::new(false);
+        let keeper = Keeper::new(&stop, None);
         let ended = cut.run(
             &problem,
             &mut Backend::Cpu,
             2 * GENERATIONS_A_ROUND,
-            &stop,
-            None,
+            &keeper,
             |_| stop.store(true, Ordering::Relaxed),
         );
         assert_eq!(ended.unwrap(), Ended::Stopped);
         // As if the stop had come between the generations and the descents.
-        let (mut ready, stop) = (cut.clone(), AtomicBool::new(true));
-        assert!(
-            !ready
-                .end_round(&Ground::new(&problem).unwrap(), &stop)
-                .unwrap()
-        );
-        assert_eq!(ready, cut);
+        let mut ready = cut.clone();
+        let ground = Ground::new(&problem).unwrap();
+        assert!(!ready.end_round(&ground, &keeper).unwrap());
+        assert_eq!(ready.islands, cut.islands);
         run(&mut ready, &problem, 2 * GENERATIONS_A_ROUND);
         assert_eq!(ready.islands, whole.islands);
     }
 
     #[test]
-    fn whenever_it_is_stopped_a_search_ends_as_if_it_never_was() {
-        let problem = problem();
+    fn however_often_it_is_stopped_a_search_ends_as_if_it_never_was() {
+        // With another search within it.
+        let mut problem = problem();
+        problem.settings.model = ModelKind::B;
         let mut whole = Search::new(&problem);
         let began = Instant::now();
         assert_eq!(run(&mut whole, &problem, 1000), Ended::Settled);
+        let won = winners(&mut whole, &problem);
         let took = began.elapsed();
-        for moment in 1..12 {
-            let (mut search, stop) = (Search::new(&problem), AtomicBool::new(false));
-            std::thread::scope(|scope| {
+
+        // So often that no round, and no search within, could end between two stops.
+        let mut search = Search::new(&problem);
+        let mut stops = 0;
+        let found = loop {
+            let stop = AtomicBool::new(false);
+            let found = std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    std::thread::sleep(took * moment / 12);
+                    std::thread::sleep(took / 40);
                     stop.store(true, Ordering::Relaxed);
                 });
-                search
-                    .run(&problem, &mut Backend::Cpu, 1000, &stop, None, |_| {})
-                    .unwrap();
+                let keeper = Keeper::new(&stop, None);
+                match run_with(&mut search, &problem, 1000, &keeper) {
+                    Ended::Stopped => None,
+                    _ => search.winners(&problem, &keeper, |_, _| {}).unwrap(),
+                }
             });
-            run(&mut search, &problem, 1000);
-            assert_eq!(search.islands, whole.islands, "{moment}");
-            assert_eq!(
-                (search.bests, search.offered, search.evaluations),
-                (
-                    whole.bests.clone(),
-                    whole.offered.clone(),
-                    whole.evaluations
-                )
-            );
-        }
+            match found {
+                Some(found) => break found,
+                None => stops += 1,
+            }
+        };
+        assert!(stops > 10, "{stops}");
+        assert_eq!(found, won);
+        search.seconds = whole.seconds;
+        let seconds = |search: &mut Search| {
+            let within = search.within.as_mut().unwrap();
+            within.seconds = 0.0;
+        };
+        seconds(&mut search);
+        seconds(&mut whole);
+        assert_eq!(search, whole);
     }
 
     #[test]
@@ -1017,10 +1033,7 @@ mod tests {
                 (problem.settings.model, problem.seed) = (model, seed);
                 let mut search = Search::new(&problem);
                 run(&mut search, &problem, 4 * GENERATIONS_A_ROUND);
-                search
-                    .winners(&problem, &AtomicBool::new(false), None, |_, _| {})
-                    .unwrap()
-                    .unwrap()
+                winners(&mut search, &problem)
             };
             for (poor, rich) in learned(poorer, 1).iter().zip(&learned(richer, 2)) {
                 assert!(rich.distances[0] <= poor.distances[0] + 1e-6);
@@ -1030,11 +1043,9 @@ mod tests {
 
     #[test]
     fn a_search_that_builds_on_that_of_the_model_within_ends_with_the_same_bits_and_no_worse() {
-        let never = AtomicBool::new(false);
         let end = |search: &mut Search, problem: &Problem| {
             run(search, problem, 100_000);
-            let winners = search.winners(problem, &never, None, |_, _| {});
-            winners.unwrap().unwrap()
+            winners(search, problem)
         };
         let poorer = problem();
         let mut richer = problem();

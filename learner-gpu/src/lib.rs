@@ -8,7 +8,7 @@
 //! - [`kernel`]: what runs for every member in every generation
 //! - [`cpu`], [`gpu`]: where it runs
 //! - [`choice`]: which of them is faster for a search
-//! - [`learn`], [`finish`]: the search, and its end
+//! - [`learn`], [`finish`]: the search, and its end; [`checkpoint`]: what is kept of it meanwhile
 //! - [`mod@bench`]: how fast each of the places is
 //! - [`refine`], [`mod@adapt`]: from a member to the floor of its valley, and on from there where that is rugged
 //! - [`map`], [`predict`]: from a new target to parameters
@@ -19,6 +19,7 @@
 pub mod adapt;
 pub mod bench;
 pub mod chain;
+pub mod checkpoint;
 pub mod choice;
 pub mod cpu;
 pub mod csv;

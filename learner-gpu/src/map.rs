@@ -20,21 +20,23 @@
 //! Reaches that a step throws off course say little about where to go: a score beyond 10 cm counts a fifth, and a
 //! slope far steeper than the others' is turned down. A small ridge keeps coefficients that nothing decides near 0.
 
+use std::fmt::Debug;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, terms};
 use sinew::real::Real;
+use sinew_protocol::frame::CHECK;
 
+use crate::checkpoint::Keeper;
 use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
-use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, LearnError, Search};
+use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, Inner, LearnError, Search};
 use crate::motion::{Point, distance};
 use crate::predict::{self, Known, NEAR, same};
 use crate::problem::{ModelKind, Problem, mean, with_dofs};
-use crate::refine::{Landscape, Slope};
+use crate::refine::{self, Landscape, Slope};
 use crate::task::{Task, TaskError};
 
 /// Of a score beyond this, metres, only a fifth of the rest counts while fitting.
@@ -60,6 +62,11 @@ const NEIGHBOURS: usize = 4;
 const PREDICTED: &str = "learned for a predicted path";
 /// Rounds of the search for one vector for all reaches.
 const ROUNDS: u32 = 2;
+/// Reaches that are predicted in one piece of work, where nothing is left out.
+const AT_ONCE: usize = 16;
+
+/// Who hears how it goes: what is done now, and how much of it is done of how much.
+pub type Told<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
 /// How a parameter depends on a reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -237,33 +244,40 @@ impl LearnedMap {
     }
 }
 
-/// Learns a map from a problem with one set a motion, of which the best parameters are known (`own`), and tries it; with
-/// another person's map of the same model (`known`) tries that too, adapted. None where `stop` was set meanwhile. `tell`
-/// hears how it goes.
+/// Learns a map from a problem with one set a motion, of which the best parameters are known (`own`) by a `search`, and
+/// tries it; with another person's map of the same model (`known`) tries that too, adapted. None where it was told to stop
+/// meanwhile: the `keeper` keeps with the search what is done, and it goes on from there.
 ///
 /// # Errors
 /// A task that the core refuses.
 pub fn learn(
+    search: &mut Search,
     problem: &Problem,
     own: &[Vec<f64>],
     known: Option<&LearnedMap>,
-    stop: &AtomicBool,
-    tell: impl Fn(&str),
+    keeper: &Keeper<'_>,
+    tell: Told<'_>,
 ) -> Result<Option<LearnedMap>, LearnError> {
     let (centre, scale) = match known {
         Some(known) => known.standard(),
         None => spread(problem),
     };
+    search.work(format!("a map, {}", checksum(&(own, known))));
     let landscape = Landscape::new(problem)?;
-    let fit = Fit::new(problem, &landscape, (&centre, &scale), stop);
+    let fit = Fit::new(problem, &landscape, (&centre, &scale), keeper.stop);
 
     // The fits begin with one vector for all.
-    tell("one vector for all reaches");
+    tell("one vector for all reaches", 0, 1);
     let all: Vec<usize> = (0..problem.tasks.len()).collect();
-    let Some(one) = one_vector(problem, &all, stop)? else {
+    let jointly = jointly(problem, &all);
+    let one = |search: &mut Search, keeper: &Keeper<'_>| one_vector(search, &jointly, keeper);
+    let Some(one) = search.inside(Inner::Jointly, &jointly, keeper, one)? else {
         return Ok(None);
     };
     let folds = folds(problem);
+    let Some(beginnings) = fit.beginnings(search, problem, own, &folds, keeper)? else {
+        return Ok(None);
+    };
     let reaches = predict::reaches(problem, own)?;
     let others = known.map_or(&[][..], |known| &known.reaches);
     let seen = Known {
@@ -275,32 +289,44 @@ pub fn learn(
         neighbours(problem, &landscape, own, NEIGHBOURS)?,
     ];
     let mut candidates: Vec<Candidate> = Vec::new();
-    // Fits that begin with some weights, and how they do.
+    // Fits that begin with some weights, and how they do. False where it was told to stop.
     let mut attempt = |fit: &Fit, to: &Paths, name: String, degree: Degree, from: &mut Weights| {
-        if stop.load(Ordering::Relaxed) {
-            return Ok(());
-        }
-        tell(&format!("{name}, with {} groups left out", folds.len()));
+        let words = format!("{name}, with {} groups left out", folds.len());
         let wider =
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
-        let parts = folds.par_iter().zip(&from.parts);
-        let parts = parts
-            .map(|((_, kept), part)| fit.to(to, kept, |fit, kept| fit.descend(wider(part), kept)));
-        let parts: Vec<DMatrix<f64>> = parts.collect::<Result<_, TaskError>>()?;
-        if stop.load(Ordering::Relaxed) {
-            return Ok(());
-        }
+        let matrix = |values: Vec<f64>| DMatrix::from_vec(problem.genes(), degree.terms(), values);
+        let told = |done| tell(&words, done, folds.len() + 1);
+        let part = |fold: usize| {
+            let (_, kept) = &folds[fold];
+            let begin = wider(&from.parts[fold]);
+            let part = fit.to(to, kept, |fit, kept| fit.descend(begin, kept))?;
+            Ok(part.map(|part| part.as_slice().to_vec()))
+        };
+        let parts = search.pieces(keeper, &words, folds.len(), told, part)?;
+        let Some(parts) = parts else {
+            return Ok(false);
+        };
+        let parts: Vec<DMatrix<f64>> = parts.into_iter().map(matrix).collect();
         // Fits end in different valleys: that to all goes on from the best of the folds' if that is better.
-        from.whole = fit.to(to, &all, |fit, all| {
-            let whole = fit.descend(wider(&from.whole), all);
-            let others = parts.iter().map(|part| (fit.cost(part, all), part));
-            match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
-                Some((cost, part)) if cost < fit.cost(&whole, all) => {
-                    fit.descend(part.clone(), all)
+        let whole = |_| {
+            let whole = fit.to(to, &all, |fit, all| {
+                let whole = fit.descend(wider(&from.whole), all)?;
+                let others = parts.iter().map(|part| (fit.cost(part, all), part));
+                match others.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    Some((cost, part)) if cost < fit.cost(&whole, all) => {
+                        fit.descend(part.clone(), all)
+                    }
+                    _ => Some(whole),
                 }
-                _ => whole,
-            }
-        })?;
+            })?;
+            Ok(whole.map(|whole| whole.as_slice().to_vec()))
+        };
+        let told = |done| tell(&words, folds.len() + done, folds.len() + 1);
+        let whole = search.pieces(keeper, &name, 1, told, whole)?;
+        let Some(whole) = whole.and_then(|all| all.into_iter().next()) else {
+            return Ok(false);
+        };
+        from.whole = matrix(whole);
         from.parts = parts;
         let mut scored = Vec::new();
         for ((left_out, _), part) in folds.iter().zip(&from.parts) {
@@ -313,7 +339,7 @@ pub fn learn(
             weights: from.whole.clone(),
             adapted: fit.known.is_some(),
         });
-        Ok::<(), TaskError>(())
+        Ok::<bool, LearnError>(true)
     };
     if let Some(known) = known {
         let weights = weights(problem, known);
@@ -324,12 +350,14 @@ pub fn learn(
             whole: weights,
         };
         let name = "another's map, adapted".to_owned();
-        attempt(&with, &Paths::Recorded, name, degree, &mut from)?;
+        if !attempt(&with, &Paths::Recorded, name, degree, &mut from)? {
+            return Ok(None);
+        }
     }
     // Each degree's fits go on from those of the degree before.
     let mut from = Weights {
         whole: one,
-        parts: fit.beginnings(problem, own, &folds),
+        parts: beginnings,
     };
     let mut from_predicted = from.clone();
     for degree in Degree::ALL {
@@ -339,20 +367,33 @@ pub fn learn(
         }
         let name = format!("{degree:?} map").to_lowercase();
         let name_predicted = format!("{name} for predicted paths");
-        attempt(&fit, &Paths::Recorded, name, degree, &mut from)?;
-        if !folds.is_empty() {
-            let (paths, from) = (Paths::Predicted { problem, seen }, &mut from_predicted);
-            attempt(&fit, &paths, name_predicted, degree, from)?;
+        let predicted = Paths::Predicted { problem, seen };
+        if !attempt(&fit, &Paths::Recorded, name, degree, &mut from)?
+            || !folds.is_empty()
+                && !attempt(
+                    &fit,
+                    &predicted,
+                    name_predicted,
+                    degree,
+                    &mut from_predicted,
+                )?
+        {
+            return Ok(None);
         }
     }
-    if stop.load(Ordering::Relaxed) {
-        return Ok(None);
-    }
     trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
-    tell(PREDICTED);
-    let Some(predicted) = predicted(problem, &landscape, seen, &folds, stop)? else {
+    let at_once = all.chunks(AT_ONCE);
+    let whole: Vec<Fold> = at_once.map(|some| (some.to_vec(), all.clone())).collect();
+    let told = |done| tell(PREDICTED, done, whole.len() + folds.len());
+    let fitted = predicted(search, problem, seen, (PREDICTED, &whole), keeper, told)?;
+    let told = |done| tell(PREDICTED, whole.len() + done, whole.len() + folds.len());
+    let part = "predicted, left out";
+    let scored = predicted(search, problem, seen, (part, &folds), keeper, told)?;
+    let (Some(fitted), Some(scored)) = (fitted, scored) else {
         return Ok(None);
     };
+    let name = PREDICTED.to_owned();
+    let predicted = trial(problem, &landscape, name, &fitted, &scored)?;
     trials.push(predicted.clone());
     let Some(Candidate {
         trial: kept,
@@ -454,37 +495,40 @@ struct Weights {
     parts: Vec<DMatrix<f64>>,
 }
 
-/// The best vector for some reaches together, by the population, as weights of the first term.
-fn one_vector(
-    problem: &Problem,
-    reaches: &[usize],
-    stop: &AtomicBool,
-) -> Result<Option<DMatrix<f64>>, LearnError> {
+/// What tells one thing from another: Debug prints every number with all its digits.
+fn checksum(of: &impl Debug) -> u32 {
+    CHECK.checksum(format!("{of:?}").as_bytes())
+}
+
+/// The search for one vector for some reaches together.
+fn jointly(problem: &Problem, reaches: &[usize]) -> Problem {
     let tasks = reaches.iter().map(|&reach| problem.tasks[reach].clone());
-    let jointly = Problem {
+    Problem {
         tasks: tasks.collect(),
         sets: vec![(0..reaches.len()).collect()],
         islands: 1,
         ..problem.clone()
-    };
-    let found = searched(&jointly, ROUNDS * GENERATIONS_A_ROUND, stop)?;
-    let one = found.and_then(|found| found.into_iter().next());
-    Ok(one.map(|one| DMatrix::from_vec(problem.genes(), 1, shares(problem, &one))))
+    }
 }
 
-/// The best parameters of each set, by the population. None where `stop` was set meanwhile.
-fn searched(
-    problem: &Problem,
-    generations: u32,
-    stop: &AtomicBool,
-) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
-    let mut search = Search::new(problem);
-    let ended = search.run(problem, &mut Backend::Cpu, generations, stop, None, |_| {})?;
-    if ended == Ended::Stopped {
+/// The best vector that some rounds of a search find for reaches together, as weights of the first term. Fits go on from
+/// there: the search's end has no part in it.
+fn one_vector(
+    search: &mut Search,
+    jointly: &Problem,
+    keeper: &Keeper<'_>,
+) -> Result<Option<DMatrix<f64>>, LearnError> {
+    let most = ROUNDS * GENERATIONS_A_ROUND;
+    if search.run(jointly, &mut Backend::Cpu, most, keeper, |_| {})? == Ended::Stopped {
         return Ok(None);
     }
-    let winners = search.winners(problem, stop, None, |_, _| {})?;
-    Ok(winners.map(|all| all.into_iter().map(|one| one.parameters).collect()))
+    let best = search
+        .bests(jointly)
+        .first()
+        .map(|genes| refine::shares(genes));
+    let best = best.unwrap_or_else(|| vec![0.0; jointly.genes()]);
+    let best = best.into_iter().map(f64::from);
+    Ok(Some(DMatrix::from_iterator(jointly.genes(), 1, best)))
 }
 
 /// What so many of a person's reaches are good for, with another person's map and without: mean distances of the reaches
@@ -516,19 +560,21 @@ const CHOICES: u32 = 6;
 
 /// Learns from 1, 2, … up to `most` reaches of a person, with the `known` map of another and without it, and tries what
 /// was learned on the person's other reaches, also beyond where it is to be trusted; means over a few choices of reaches.
-/// With 0 reaches: the known map's polynomial as it is. The search for each reach's own parameters, which predictions begin
-/// with, runs so many `generations` at most. None where `stop` was set meanwhile.
+/// With 0 reaches: the known map's polynomial as it is. The `search` for each reach's own parameters, which predictions
+/// begin with, runs so many `generations` at most. None where it was told to stop meanwhile: the `keeper` keeps with the
+/// search what is done, and it goes on from there.
 ///
 /// # Errors
 /// A task that the core refuses.
 pub fn transfer(
+    search: &mut Search,
     problem: &Problem,
-    known: &LearnedMap,
-    most: usize,
+    (known, most): (&LearnedMap, usize),
     generations: u32,
-    stop: &AtomicBool,
-    tell: impl Fn(&str),
+    keeper: &Keeper<'_>,
+    tell: Told<'_>,
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
+    let stop = keeper.stop;
     let (centre, scale) = known.standard();
     let weights = weights(problem, known);
     let landscape = Landscape::new(problem)?;
@@ -536,24 +582,14 @@ pub fn transfer(
     let with = alone.drawn_to(weights.clone());
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
-    tell("each reach by itself");
-    let Some(own) = searched(problem, generations, stop)? else {
+    let most = most.min(count.saturating_sub(1));
+    tell("each reach by itself", 0, most + 1);
+    let Some(winners) = search.end(problem, generations, keeper)? else {
         return Ok(None);
     };
+    let own: Vec<Vec<f64>> = winners.into_iter().map(|one| one.parameters).collect();
+    search.work(format!("a transfer, {}", checksum(&(&own, known))));
     let reaches = predict::reaches(problem, &own)?;
-    // The mean distance of what is predicted for the reaches left out of each choice.
-    let predicted = |folds: &[Fold], others: &[predict::Reach]| {
-        let seen = Known {
-            own: &reaches,
-            others,
-        };
-        let points = predicted_points(problem, seen, folds, stop)?;
-        Ok::<_, TaskError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
-    };
-    let with_others = |folds: &[Fold]| match known.reaches.is_empty() {
-        true => Ok(None),
-        false => predicted(folds, &known.reaches),
-    };
     // A choice is a shuffle by draws, of which the first reaches are used.
     let folds = |used: usize| -> Vec<Fold> {
         let choice = |choice: u32| {
@@ -564,39 +600,73 @@ pub fn transfer(
         };
         (0..CHOICES).map(choice).collect()
     };
-    let mut out = vec![Transfer {
-        reaches: 0,
-        predicted_cm: with_others(&folds(0)[..1])?,
-        adapted_cm: 100.0 * with.mean(&weights, &all),
-        alone_cm: None,
-    }];
-    for used in 1..=most.min(count.saturating_sub(1)) {
-        tell(&format!("{used} reaches"));
-        let folds = folds(used);
-        let mut row = Transfer {
-            reaches: used,
-            predicted_cm: with_others(&folds)?,
-            adapted_cm: 0.0,
-            alone_cm: predicted(&folds, &[])?.map(|cm| [0.0, 0.0, cm]),
+    let mut out = Vec::new();
+    for used in 0..=most {
+        tell(&format!("{used} reaches"), used, most + 1);
+        let folds = match used {
+            0 => folds(0)[..1].to_vec(),
+            used => folds(used),
         };
-        for (others, used) in &folds {
-            let Some(one) = one_vector(problem, used, stop)? else {
+        // The mean distance of what is predicted for the reaches left out of each choice.
+        let mut mean_predicted = |part: &str, others: &[predict::Reach]| {
+            let seen = Known {
+                own: &reaches,
+                others,
+            };
+            let part = format!("{used}, {part}");
+            let points = predicted(search, problem, seen, (&part, &folds), keeper, |_| {})?;
+            Ok::<_, LearnError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
+        };
+        let predicted_cm = match known.reaches[..] {
+            [] => None,
+            _ => match mean_predicted("with others", &known.reaches)? {
+                Some(cm) => Some(cm),
+                None => return Ok(None),
+            },
+        };
+        if used == 0 {
+            out.push(Transfer {
+                reaches: 0,
+                predicted_cm,
+                adapted_cm: 100.0 * with.mean(&weights, &all),
+                alone_cm: None,
+            });
+            continue;
+        }
+        let Some(predicted_alone) = mean_predicted("alone", &[])? else {
+            return Ok(None);
+        };
+        // Adapted, affine, and one vector.
+        let fitted = |choice: usize| {
+            let (others, used) = &folds[choice];
+            let jointly = jointly(problem, used);
+            let mut search = Search::new(&jointly);
+            let one = one_vector(&mut search, &jointly, &Keeper::new(stop, None))?;
+            let Some(one) = one else {
                 return Ok(None);
             };
-            let affine = alone.descend(one.clone().resize_horizontally(1 + INPUTS, 0.0), used);
+            let wider = one.clone().resize_horizontally(1 + INPUTS, 0.0);
+            let affine = alone.descend(wider, used);
             let degree = known.degree.max(Degree::Affine);
             let wider = weights.clone().resize_horizontally(degree.terms(), 0.0);
             let adapted = with.descend(wider, used);
-            if stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            let share = 100.0 / f64::from(CHOICES);
-            row.adapted_cm += share * with.mean(&adapted, others);
-            for (sum, weights) in row.alone_cm.iter_mut().flatten().zip([&one, &affine]) {
-                *sum += share * alone.mean(weights, others);
-            }
-        }
-        out.push(row);
+            Ok(affine.zip(adapted).map(|(affine, adapted)| {
+                let adapted = with.mean(&adapted, others);
+                let [affine, one] = [&affine, &one].map(|weights| alone.mean(weights, others));
+                [adapted, affine, one]
+            }))
+        };
+        let part = format!("{used}, fitted");
+        let Some(fitted) = search.pieces(keeper, &part, folds.len(), |_| {}, fitted)? else {
+            return Ok(None);
+        };
+        let mean_cm = |k: usize| 100.0 * mean(fitted.iter().map(|fitted: &[f64; 3]| fitted[k]));
+        out.push(Transfer {
+            reaches: used,
+            predicted_cm,
+            adapted_cm: mean_cm(0),
+            alone_cm: Some([mean_cm(2), mean_cm(1), predicted_alone]),
+        });
     }
     Ok(Some(out))
 }
@@ -725,36 +795,28 @@ fn neighbours(
     trial(problem, landscape, name, &fitted, &scored)
 }
 
-/// How parameters do that are learned for paths predicted from the other reaches.
+/// Parameters learned for paths predicted from the other reaches, for the reaches that each fold leaves out: a part of the
+/// search's work. None where it was told to stop meanwhile.
 fn predicted(
+    search: &mut Search,
     problem: &Problem,
-    landscape: &Landscape<'_>,
     seen: Known<'_>,
-    folds: &[Fold],
-    stop: &AtomicBool,
-) -> Result<Option<Trial>, TaskError> {
-    let points = |folds: &[Fold]| predicted_points(problem, seen, folds, stop);
-    let all: Vec<usize> = (0..problem.tasks.len()).collect();
-    let (Some(fitted), Some(scored)) = (points(&[(all.clone(), all)])?, points(folds)?) else {
-        return Ok(None);
+    (part, folds): (&str, &[Fold]),
+    keeper: &Keeper<'_>,
+    tell: impl Fn(usize) + Sync,
+) -> Result<Option<Vec<Tried>>, LearnError> {
+    let stop = keeper.stop;
+    let left_out = |fold: usize| {
+        let (left_out, kept) = &folds[fold];
+        Ok(predict::left_out(problem, seen, left_out, kept, stop)?)
     };
-    trial(problem, landscape, PREDICTED.to_owned(), &fitted, &scored).map(Some)
-}
-
-/// These parameters, for the reaches that each fold leaves out.
-fn predicted_points(
-    problem: &Problem,
-    seen: Known<'_>,
-    folds: &[Fold],
-    stop: &AtomicBool,
-) -> Result<Option<Vec<Tried>>, TaskError> {
-    let found = predict::left_out(problem, seen, folds, stop)?;
+    let found = search.pieces(keeper, part, folds.len(), tell, left_out)?;
     let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
     let point = |(reach, parameters): (usize, Vec<f64>)| {
         let shares = shares(problem, &parameters);
         (reach, shares.iter().map(|&share| share as f32).collect())
     };
-    Ok(found.map(|found| reaches.zip(found).map(point).collect()))
+    Ok(found.map(|found| reaches.zip(found.concat()).map(point).collect()))
 }
 
 /// How a way does: the points of all reaches as they were learned, and of those left out.
@@ -859,21 +921,27 @@ impl<'a> Fit<'a> {
         with: impl FnOnce(&Fit<'_>, &[usize]) -> R,
     ) -> Result<R, TaskError> {
         match paths {
-            // What is stopped needs no ground to be made ready.
-            Paths::Predicted { problem, seen } if !self.stop.load(Ordering::Relaxed) => {
+            Paths::Predicted { problem, seen } => {
                 let made = predict::around(problem, *seen, reaches);
                 let landscape = Landscape::arriving(&made, ARRIVAL)?;
                 let all: Vec<usize> = (0..made.tasks.len()).collect();
                 let fit = Fit::new(&made, &landscape, (self.centre, self.scale), self.stop);
                 Ok(with(&fit, &all))
             }
-            _ => Ok(with(self, reaches)),
+            Paths::Recorded => Ok(with(self, reaches)),
         }
     }
 
     /// For each fold a vector for the reaches that it keeps, which has seen no other: the best of their own vectors that
-    /// serve them all best, descended from.
-    fn beginnings(&self, problem: &Problem, own: &[Vec<f64>], folds: &[Fold]) -> Vec<DMatrix<f64>> {
+    /// serve them all best, descended from. A part of the search's work; none where it was told to stop meanwhile.
+    fn beginnings(
+        &self,
+        search: &mut Search,
+        problem: &Problem,
+        own: &[Vec<f64>],
+        folds: &[Fold],
+        keeper: &Keeper<'_>,
+    ) -> Result<Option<Vec<DMatrix<f64>>>, LearnError> {
         let count = problem.tasks.len();
         let vectors: Vec<Vec<f64>> = own.iter().map(|own| shares(problem, own)).collect();
         let pairs = (0..count).flat_map(|reach| (0..count).map(move |vector| (vector, reach)));
@@ -884,7 +952,8 @@ impl<'a> Fit<'a> {
             })
             .collect();
         let scores = self.landscape.scores_at(&asked);
-        let beginning = |(_, kept): &Fold| {
+        let beginning = |fold: usize| {
+            let (_, kept) = &folds[fold];
             let all = |vector: usize| -> f64 {
                 let each = kept
                     .iter()
@@ -895,13 +964,21 @@ impl<'a> Fit<'a> {
             order.sort_by(|a, b| a.0.total_cmp(&b.0));
             let descended = order.iter().take(BEGINNINGS).map(|&(_, vector)| {
                 let start = DMatrix::from_column_slice(vectors[vector].len(), 1, &vectors[vector]);
-                let found = self.descend(start, kept);
-                (self.cost(&found, kept), found)
+                let found = self.descend(start, kept)?;
+                Some((self.cost(&found, kept), found))
             });
-            let best = descended.min_by(|a, b| a.0.total_cmp(&b.0));
-            best.map_or(DMatrix::zeros(problem.genes(), 1), |(_, found)| found)
+            let descended: Option<Vec<_>> = descended.collect();
+            let best = |all: Vec<(f64, DMatrix<f64>)>| {
+                let best = all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+                best.map_or(vec![0.0; problem.genes()], |(_, found)| {
+                    found.as_slice().to_vec()
+                })
+            };
+            Ok(descended.map(best))
         };
-        folds.par_iter().map(beginning).collect()
+        let found = search.pieces(keeper, "beginnings", folds.len(), |_| {}, beginning)?;
+        let matrix = |values: Vec<f64>| DMatrix::from_vec(problem.genes(), 1, values);
+        Ok(found.map(|found| found.into_iter().map(matrix).collect()))
     }
 
     /// The same with coefficients drawn to these.
@@ -956,15 +1033,18 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Levenberg and Marquardt's steps from these weights, until they gain nothing.
-    fn descend(&self, weights: DMatrix<f64>, reaches: &[usize]) -> DMatrix<f64> {
+    /// Levenberg and Marquardt's steps from these weights, until they gain nothing. None where `stop` was set meanwhile.
+    fn descend(&self, weights: DMatrix<f64>, reaches: &[usize]) -> Option<DMatrix<f64>> {
         let (rows, columns) = weights.shape();
         let mut weights = weights;
         let mut least = self.cost(&weights, reaches);
         let mut damping = 1e-2;
         let mut idle = 0;
         for _ in 0..MOST_STEPS {
-            if self.stop.load(Ordering::Relaxed) || idle > 3 {
+            if self.stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            if idle > 3 {
                 break;
             }
             let slope = self.slope(&weights, reaches);
@@ -994,7 +1074,7 @@ impl<'a> Fit<'a> {
                 idle + 1
             };
         }
-        weights
+        Some(weights)
     }
 
     /// The slope of the cost; row k's coefficient j is number k·columns + j.

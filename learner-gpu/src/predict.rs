@@ -26,10 +26,9 @@
 //! A map for a microcontroller is fitted to predicted paths, too ([`around`]): to those of the recorded reaches and of others
 //! made up around them. They are what recordings have in common, without what was so by chance in each.
 
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::AtomicBool;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::guess::Guesses;
@@ -448,10 +447,11 @@ fn from_log_odds(odds: f64) -> f64 {
     (share * (1.0 + 2.0 * ODDS) - ODDS).clamp(0.0, 1.0)
 }
 
-/// For each task the parameters that follow its reference and arrive: the best of what is found from its starts. None
-/// where `stop` was set meanwhile.
+/// For each task the parameters that follow its reference and arrive: the best of what is found from its starts, and from
+/// guesses that are drawn for its number. None where `stop` was set meanwhile.
 fn follow(
     problem: &Problem,
+    numbers: &[usize],
     starts: &[Vec<&[f64]>],
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<f64>>>, TaskError> {
@@ -470,11 +470,12 @@ fn follow(
         .flat_map(|(set, starts)| starts.iter().map(move |&parameters| (set, parameters)))
         .map(|(set, parameters)| begin(set, parameters))
         .collect();
-    for (set, guesses) in Guesses::new(problem)?.iter().enumerate() {
+    let guesses = Guesses::new(problem)?;
+    for ((set, guesses), &of) in guesses.iter().enumerate().zip(numbers) {
         starts.extend((0..GUESSES).map(|number| Start {
             set,
             genes: guesses.draw(bounds.len(), |block| {
-                philox([set as u32, number, block as u32, 2], [0, 0])[0]
+                philox([of as u32, number, block as u32, 2], [0, 0])[0]
             }),
             beat: 0.0,
         }));
@@ -482,7 +483,7 @@ fn follow(
     let mut best: Vec<(f32, Vec<u32>)> = Vec::new();
     for arrival in ARRIVALS {
         let landscape = Landscape::arriving(problem, arrival)?;
-        let Some(floors) = landscape.refine(&starts, &AtomicU64::new(0), stop) else {
+        let Some(floors) = landscape.refine(&starts, stop) else {
             return Ok(None);
         };
         best = vec![(f32::INFINITY, Vec::new()); problem.sets.len()];
@@ -604,37 +605,33 @@ fn starts<'a>(reaches: &[&'a Reach], to: Point) -> Vec<&'a [f64]> {
         .collect()
 }
 
-/// The parameters of a problem's reaches, group by group, found from what is known of others: with each group that is left
-/// out go the reaches that are kept. None where `stop` was set meanwhile.
+/// The parameters of those of a problem's reaches that are left out, found from those that are kept and from other people's.
+/// None where `stop` was set meanwhile.
 ///
 /// # Errors
 /// A task that the core refuses.
 pub fn left_out(
     problem: &Problem,
     known: Known<'_>,
-    folds: &[(Vec<usize>, Vec<usize>)],
+    left_out: &[usize],
+    kept: &[usize],
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<f64>>>, TaskError> {
-    let found = folds.par_iter().map(|(left_out, kept)| {
-        let kept = known.kept(kept);
-        let predictor = Predictor::new(&kept);
-        let predicted = |&reach: &usize| {
-            let task = &problem.tasks[reach];
-            let asked = Task {
-                reference: predictor.predict(&known.own[reach].outset, task.reference.len()),
-                ..task.clone()
-            };
-            (asked, starts(&kept, task.target))
-        };
-        left_out.iter().map(predicted).collect::<Vec<_>>()
+    let kept = known.kept(kept);
+    let predictor = Predictor::new(&kept);
+    let asked = left_out.iter().map(|&reach| {
+        let task = &problem.tasks[reach];
+        Task {
+            reference: predictor.predict(&known.own[reach].outset, task.reference.len()),
+            ..task.clone()
+        }
     });
-    let found: Vec<(Task, Vec<&[f64]>)> = found.flatten_iter().collect();
-    let (tasks, starts): (Vec<Task>, Vec<_>) = found.into_iter().unzip();
-    if tasks.is_empty() {
-        return Ok(Some(Vec::new()));
-    }
-    let asked = problem.each_of(tasks);
-    follow(&asked, &starts, stop)
+    let asked: Vec<Task> = asked.collect();
+    let starts: Vec<_> = asked
+        .iter()
+        .map(|task| starts(&kept, task.target))
+        .collect();
+    follow(&problem.each_of(asked), left_out, &starts, stop)
 }
 
 /// Parameters for a reach that begins as one of the file's motions does, and how far to trust them, from 0 to 1, by a map
@@ -690,7 +687,7 @@ pub fn plan(
     };
     let mut starts = starts(&reaches, target);
     starts.push(&polynomial);
-    let found = follow(&problem, &[starts], &AtomicBool::new(false))?;
+    let found = follow(&problem, &[0], &[starts], &AtomicBool::new(false))?;
     let found = found.and_then(|found| found.into_iter().next());
     let confidence = (1.0 - away / map.radius).max(0.0);
     Ok((found.unwrap_or(polynomial), confidence))

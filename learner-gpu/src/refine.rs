@@ -21,6 +21,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use fearless_simd::{Level, Simd};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use sinew::real::Real;
 
 use crate::adapt::adapt;
@@ -67,12 +68,14 @@ pub struct Start {
 }
 
 /// Where a descent has arrived.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Floor {
     /// The genes.
     pub genes: Vec<u32>,
     /// Their score, metres.
     pub score: f32,
+    /// How often a motion was synthesised on the way.
+    pub evaluations: u64,
 }
 
 /// The scores of a problem as landscapes over the parameters, one a set, made ready once for all who look at them.
@@ -99,17 +102,16 @@ impl<'a> Landscape<'a> {
         }, else Err(TaskError::Dofs { found: dofs }))
     }
 
-    /// Descends from every start, on all threads. `evaluations` is told how often a motion was synthesised. None where
-    /// `stop` was set meanwhile.
-    pub fn refine(
-        &self,
-        starts: &[Start],
-        evaluations: &AtomicU64,
-        stop: &AtomicBool,
-    ) -> Option<Vec<Floor>> {
+    /// Descends from a start. Where there is no such set there is no way down.
+    pub fn descend(&self, start: &Start) -> Floor {
+        self.0.descend(start)
+    }
+
+    /// Descends from every start, on all threads. None where `stop` was set meanwhile.
+    pub fn refine(&self, starts: &[Start], stop: &AtomicBool) -> Option<Vec<Floor>> {
         let descend = |start: &Start| match stop.load(Ordering::Relaxed) {
             true => None,
-            false => self.0.descend(start, evaluations),
+            false => Some(self.descend(start)),
         };
         starts.par_iter().map(descend).collect()
     }
@@ -206,8 +208,8 @@ struct Stopped;
 
 /// The sets of a problem, whatever the arm's size and the machine's lanes.
 trait Sets {
-    /// The floor below a start, where there is its set.
-    fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor>;
+    /// The floor below a start.
+    fn descend(&self, start: &Start) -> Floor;
     /// How many motions a set has.
     fn size(&self, set: usize) -> u64;
     /// The scores at points of a set.
@@ -217,11 +219,15 @@ trait Sets {
 }
 
 impl<S: Instructions, const N: usize> Sets for Vec<Valley<'_, S, N>> {
-    fn descend(&self, start: &Start, evaluations: &AtomicU64) -> Option<Floor> {
-        let valley = self.get(start.set)?;
-        let (floor, count) = valley.descend(start);
-        evaluations.fetch_add(count * self.size(start.set), Ordering::Relaxed);
-        Some(floor)
+    fn descend(&self, start: &Start) -> Floor {
+        match self.get(start.set) {
+            Some(valley) => valley.descend(start),
+            None => Floor {
+                genes: start.genes.clone(),
+                score: f32::INFINITY,
+                evaluations: 0,
+            },
+        }
     }
 
     fn size(&self, set: usize) -> u64 {
@@ -333,13 +339,16 @@ struct Trials {
 }
 
 impl<S: Instructions, const N: usize> Valley<'_, S, N> {
-    /// Where it leads, and how many candidates were scored on the way.
-    fn descend(&self, start: &Start) -> (Floor, u64) {
+    /// Where it leads.
+    fn descend(&self, start: &Start) -> Floor {
         let mut count = 0;
         let at = self.arrive(&shares(&start.genes), start.beat, &mut count);
         let genes = genes_of(&at);
-        let score = self.score(&shares(&genes));
-        (Floor { genes, score }, count + 1)
+        Floor {
+            score: self.score(&shares(&genes)),
+            genes,
+            evaluations: (count + 1) * self.motions.len() as u64,
+        }
     }
 
     /// The floor from `at`.

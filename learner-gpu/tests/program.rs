@@ -432,20 +432,33 @@ fn interrupted(arguments: &[&str], at: &str, after: Duration) -> Vec<String> {
 }
 
 #[test]
-fn stopped_while_it_makes_a_map_it_leaves_what_is_there_and_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut arguments = vec!["learn", "--map", "--out", folder.path().to_str().unwrap()];
+fn stopped_while_it_makes_a_map_it_leaves_what_is_there_and_goes_on_from_there() {
+    let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let folder = stopped.path();
+    let mut arguments = vec!["learn", "--map", "--out", folder.to_str().unwrap()];
     arguments.extend(QUICK);
-    let file = folder.path().join("synergies.json");
+    let file = folder.join("synergies.json");
     std::fs::write(&file, "of before").unwrap();
-    interrupted(&arguments, "map: ", Duration::ZERO);
-    assert_eq!(std::fs::read_to_string(&file).unwrap(), "of before");
-    assert!(folder.path().join("learning.checkpoint").exists());
+    for step in [
+        "map: one vector",
+        "map: affine map for predicted paths, with",
+        "map: learned for a predicted path",
+    ] {
+        interrupted(&arguments, step, Duration::from_millis(200));
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "of before");
+        assert!(folder.join("learning.checkpoint").exists());
+    }
     let output = sinew(&arguments);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("going on from generation"));
-    assert!(json(&file)["map"]["trials"].is_array());
-    assert!(!folder.path().join("learning.checkpoint").exists());
+    assert!(!folder.join("learning.checkpoint").exists());
+    assert!(learn(whole.path(), &["--map"]).status.success());
+    let [whole, stopped] =
+        [whole, stopped].map(|folder| json(&folder.path().join("synergies.json")));
+    assert!(whole["map"]["trials"].is_array());
+    for part in ["motions", "map", "evaluations"] {
+        assert_eq!(whole[part], stopped[part], "{part}");
+    }
 }
 
 #[test]
@@ -617,18 +630,28 @@ fn an_experiment_refuses_what_learn_refuses_before_it_begins() {
 
 #[cfg(unix)]
 #[test]
-fn a_stopped_experiment_writes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
+fn a_stopped_experiment_writes_no_result_and_goes_on_from_there() {
+    let [whole, stopped] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let out = stopped.path().to_str().unwrap();
     let mut arguments = vec!["experiment", "models", "--out", out];
-    arguments.extend(QUICK);
-    arguments.extend(["--generations", "100000", "--population", "8192"]);
-    let told = interrupted(&arguments, "search 1 of 4", Duration::from_millis(500));
-    assert!(
-        told.iter()
-            .any(|line| line.starts_with("stopped in search"))
-    );
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    arguments.extend(&QUICK[..6]);
+    for (search, kept) in [("search 1 of 4", 1), ("search 3 of 4", 3)] {
+        let told = interrupted(&arguments, search, Duration::from_millis(20));
+        assert!(told.iter().any(|line| line.starts_with("stopped after")));
+        let files = std::fs::read_dir(stopped.path()).unwrap();
+        assert_eq!(files.count(), kept);
+    }
+    let output = sinew(&arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("going on from generation"));
+    assert!(experiment("models", whole.path(), &[]).status.success());
+    for file in ["models.csv", "models.json"] {
+        assert!(stopped.path().join(file).exists());
+    }
+    assert_eq!(std::fs::read_dir(stopped.path()).unwrap().count(), 2);
+    let [whole, stopped] = [whole, stopped]
+        .map(|folder| std::fs::read_to_string(folder.path().join("models.csv")).unwrap());
+    assert_eq!(whole, stopped);
 }
 
 #[test]

@@ -353,7 +353,6 @@ impl Runner {
 
     /// One round: its rate.
     fn run(&mut self, problem: &Problem, effort: &Effort) -> Result<f64, BenchError> {
-        let never = AtomicBool::new(false);
         let began = Instant::now();
         let ticks = match self {
             Runner::Double(scalar) => scalar.run(effort.seconds),
@@ -365,12 +364,12 @@ impl Runner {
                 generations,
             } => {
                 let (from, to) = generations.next();
-                pool.install(|| cpu::advance_on(*level, problem, islands, from, to, &never))?;
+                pool.install(|| cpu::advance_on(*level, problem, islands, from, to, || false))?;
                 problem.frames_a_generation() * u64::from(to - from)
             }
             Runner::Device { gpu, generations } => {
                 let (from, to) = generations.next();
-                gpu.advance(from, to, &never)?;
+                gpu.advance(from, to, || false)?;
                 problem.frames_a_generation() * u64::from(to - from)
             }
         };

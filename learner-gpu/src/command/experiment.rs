@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use clap::ValueEnum;
 use serde::Serialize;
+use sinew_learn::checkpoint::{Checkpoint, Keeper};
 use sinew_learn::experiment::{Gain, Printed, Spread, figure_3, figure_4};
 use sinew_learn::learn::{Backend, Search};
 use sinew_learn::map;
@@ -17,13 +17,16 @@ use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::synthesize;
 use sinew_learn::task::Task;
 
-use super::search::{self, Options, Steering, backend, can_be_written, named, synergies};
+use super::search::{
+    self, Options, Steering, backend, can_be_written, computed_by, named, steps, stopped,
+    synergies, taken_up, warn,
+};
 use super::{Failure, print, table};
 
 /// Repeat the paper's experiments on any recordings, one parameter vector for each
 ///
-/// Each search is the one that `sinew learn` does with the same options. Stopped with Ctrl-C an experiment writes
-/// nothing.
+/// Each search is the one that `sinew learn` does with the same options. Stopped with Ctrl-C an experiment keeps in --out
+/// where it was, and the same command goes on from there.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -126,8 +129,9 @@ fn models(arguments: &Models) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["models.csv", "models.json"];
     let out = Out::new("models", arguments.out.as_deref(), &files)?;
-    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
-        return Ok(ExitCode::from(130));
+    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
+        Searched::Learned(learned) => learned,
+        Searched::Stopped(code) => return Ok(code),
     };
     // Each model against the one before it.
     let row = |k: usize, this: &Learned| {
@@ -141,7 +145,7 @@ fn models(arguments: &Models) -> Result<ExitCode, Failure> {
         tasks.len(),
         comparison(&rows)
     ))?;
-    out.say()
+    out.end(learned.len())
 }
 
 fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
@@ -158,8 +162,9 @@ fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["steppers.csv", "steppers.json"];
     let out = Out::new("steppers", arguments.out.as_deref(), &files)?;
-    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
-        return Ok(ExitCode::from(130));
+    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
+        Searched::Learned(learned) => learned,
+        Searched::Stopped(code) => return Ok(code),
     };
     let row = |this: &Learned| {
         let Settings { stepper, model, .. } = this.settings;
@@ -177,7 +182,7 @@ fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
         tasks.len(),
         comparison(&rows)
     ))?;
-    out.say()
+    out.end(learned.len())
 }
 
 fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
@@ -188,8 +193,9 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["speed.csv", "shape.csv", "speed.json"];
     let out = Out::new("speed", arguments.out.as_deref(), &files)?;
-    let Some(learned) = searches(&arguments.options, plan, &tasks)? else {
-        return Ok(ExitCode::from(130));
+    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
+        Searched::Learned(learned) => learned,
+        Searched::Stopped(code) => return Ok(code),
     };
     let mut curves = Vec::new();
     for (index, task) in tasks.iter().enumerate() {
@@ -203,7 +209,7 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
         name(stepper),
         bells(&tasks, &curves)
     ))?;
-    out.say()
+    out.end(learned.len())
 }
 
 fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
@@ -216,19 +222,25 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
     let files = ["transfer.csv", "transfer.json"];
     let out = Out::new("transfer", arguments.out.as_deref(), &files)?;
     let stop = search::stop()?;
-    let tell = |words: &str| super::tell!("learning from {words}");
+    // Whatever is set for the others, fits of many small sets are for the CPU.
+    let checkpoint = out.checkpoint(1, &problem, &Backend::Cpu);
+    let mut search = Search::new(&problem);
+    if let Some(checkpoint) = &checkpoint {
+        search = taken_up(checkpoint, search);
+    }
+    let keeper = Keeper::new(&stop, checkpoint.as_ref());
     let rows = map::transfer(
+        &mut search,
         &problem,
-        &known,
-        arguments.most,
+        (&known, arguments.most),
         options.generations,
-        &stop,
-        tell,
+        &keeper,
+        &steps("learning from"),
     );
     let Some(rows) = rows.map_err(Failure::run)? else {
-        super::tell!("stopped; nothing is written");
-        return Ok(ExitCode::from(130));
+        return stopped(&search, &keeper, checkpoint.as_ref());
     };
+    warn(&keeper);
     out.transfer(&settings, &rows)?;
     let headings = [
         "reaches",
@@ -250,7 +262,7 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
         arguments.known.display(),
         table(&cells)
     ))?;
-    out.say()
+    out.end(1)
 }
 
 /// What a table of nested models says in words.
@@ -269,12 +281,21 @@ impl Learned {
     }
 }
 
-/// Runs the searches of a plan one after the other on the same tasks; nothing where it was told to stop.
+/// How the searches of a plan ended.
+enum Searched {
+    /// With what was learned.
+    Learned(Vec<Learned>),
+    /// It was told to stop: what the command ends with.
+    Stopped(ExitCode),
+}
+
+/// Runs the searches of a plan one after the other on the same tasks.
 fn searches(
     options: &Options,
     plan: Vec<Settings>,
     tasks: &[Task],
-) -> Result<Option<Vec<Learned>>, Failure> {
+    out: &Out<'_>,
+) -> Result<Searched, Failure> {
     let stop = search::stop()?;
     let mut learned = Vec::new();
     // The searches on the CPU: a richer model's begins where a poorer's ends, and does not repeat it.
@@ -286,7 +307,8 @@ fn searches(
         for (other, ended) in &ended {
             search.build_on(&problem, other, ended);
         }
-        let (mut backend, why) = backend(options, &problem, &search, None)?;
+        let kept = out.kept(k + 1);
+        let (mut backend, why) = backend(options, &problem, &search, kept.as_deref())?;
         let (backend_name, device) = named(&backend);
         super::tell!("backend {backend_name}: {device}{why}");
         super::tell!(
@@ -295,18 +317,24 @@ fn searches(
             symbol(settings.model),
             name(settings.stepper)
         );
-        let found = search::run(
-            &mut search,
-            &problem,
-            &mut backend,
-            options.generations,
-            &stop,
-            None,
-        )?;
-        let Some((_, winners)) = found.filter(|_| !stop.load(Ordering::Relaxed)) else {
-            super::tell!("stopped in search {} of {count}; nothing is written", k + 1);
-            return Ok(None);
+        let checkpoint = out.checkpoint(k + 1, &problem, &backend);
+        if let Some(checkpoint) = &checkpoint {
+            search = taken_up(checkpoint, search);
+        }
+        let keeper = Keeper::new(&stop, checkpoint.as_ref());
+        let most = options.generations;
+        let found = search::run(&mut search, &problem, &mut backend, most, &keeper)?;
+        let Some((_, winners)) = found else {
+            let code = stopped(&search, &keeper, checkpoint.as_ref())?;
+            return Ok(Searched::Stopped(code));
         };
+        // An experiment that goes on does not do this search again.
+        keeper.keep(&search);
+        if keeper.stopped() {
+            let code = stopped(&search, &keeper, checkpoint.as_ref())?;
+            return Ok(Searched::Stopped(code));
+        }
+        warn(&keeper);
         // The CPU may have taken over.
         let (backend_name, device) = named(&backend);
         let synergies = synergies(&problem, &search, &winners, backend_name, device)?;
@@ -318,7 +346,7 @@ fn searches(
             ended.push((problem, search));
         }
     }
-    Ok(Some(learned))
+    Ok(Searched::Learned(learned))
 }
 
 /// The paper's name for a model.
@@ -556,6 +584,23 @@ impl<'a> Out<'a> {
         Ok(Out { experiment, folder })
     }
 
+    /// Where one of the searches is kept while it runs and until all of them have, where results have a folder.
+    fn kept(&self, number: usize) -> Option<PathBuf> {
+        let file = format!("{}-{number}.checkpoint", self.experiment);
+        self.folder.map(|folder| folder.join(file))
+    }
+
+    /// The checkpoint there.
+    fn checkpoint(
+        &self,
+        number: usize,
+        problem: &Problem,
+        backend: &Backend,
+    ) -> Option<Checkpoint> {
+        let kept = self.kept(number)?;
+        Some(Checkpoint::new(kept, problem, &computed_by(backend)))
+    }
+
     /// The files of figures 3 and 4.
     fn distances(
         &self,
@@ -675,8 +720,12 @@ impl<'a> Out<'a> {
             .map_err(|error| Failure::run(format!("{}: {error}", path.display())))
     }
 
-    /// Says where the files are: the end of the command.
-    fn say(&self) -> Result<ExitCode, Failure> {
+    /// Removes what was kept of so many searches, and says where the files are: the end of the command.
+    fn end(&self, searches: usize) -> Result<ExitCode, Failure> {
+        for kept in (1..=searches).filter_map(|number| self.kept(number)) {
+            // Where it could not be written there is nothing to remove.
+            let _ = std::fs::remove_file(kept);
+        }
         if let Some(folder) = self.folder {
             print(&format!("written to {}\n", folder.display()))?;
         }

@@ -3,14 +3,16 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use sinew_learn::learn::{Checkpoint, Ended, Kept, Search};
+use sinew_learn::checkpoint::{Checkpoint, Keeper};
+use sinew_learn::learn::{Ended, Search};
 use sinew_learn::map;
 use sinew_learn::predict;
 use sinew_learn::problem::{ModelKind, mean};
 use sinew_learn::synergies::Synergies;
 
 use super::search::{
-    self, Options, Steering, backend, can_be_written, computed_by, named, synergies,
+    self, Options, Steering, backend, can_be_written, computed_by, named, steps, stopped,
+    synergies, taken_up, warn,
 };
 use super::{Failure, print, table};
 
@@ -55,45 +57,19 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     };
     let fresh = Search::new(&problem);
     can_be_written(&arguments.out, &["synergies.json", "learning.checkpoint"])?;
-    let (mut backend, why) = backend(options, &problem, &fresh, Some(&arguments.out))?;
+    let kept = arguments.out.join("learning.checkpoint");
+    let (mut backend, why) = backend(options, &problem, &fresh, Some(&kept))?;
     let (name, device) = named(&backend);
     super::tell!("backend {name}: {device}{why}");
-    let checkpoint = Checkpoint::new(&arguments.out, &problem, &computed_by(&backend));
-    let mut search = match checkpoint.read() {
-        Kept::Search(search) => {
-            super::tell!(
-                "going on from generation {} ({})",
-                search.generation,
-                checkpoint.path().display()
-            );
-            *search
-        }
-        Kept::Other => {
-            super::tell!(
-                "{} is of another search or damaged: beginning anew, it will be replaced",
-                checkpoint.path().display()
-            );
-            fresh
-        }
-        Kept::Nothing => fresh,
-    };
+    let checkpoint = Checkpoint::new(kept, &problem, &computed_by(&backend));
+    let mut search = taken_up(&checkpoint, fresh);
 
     let stop = search::stop()?;
-    let found = search::run(
-        &mut search,
-        &problem,
-        &mut backend,
-        options.generations,
-        &stop,
-        Some(&checkpoint),
-    )?;
+    let keeper = Keeper::new(&stop, Some(&checkpoint));
+    let most = options.generations;
+    let found = search::run(&mut search, &problem, &mut backend, most, &keeper)?;
     let Some((ended, winners)) = found else {
-        super::tell!(
-            "stopped after generation {}; the same command goes on from there ({})",
-            search.generation,
-            checkpoint.path().display()
-        );
-        return Ok(ExitCode::from(130));
+        return stopped(&search, &keeper, Some(&checkpoint));
     };
 
     // The CPU may have taken over.
@@ -102,18 +78,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if arguments.map {
         let motions = synergies.motions.iter();
         let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();
-        let tell = |words: &str| super::tell!("map: {words}");
-        synergies.map =
-            map::learn(&problem, &own, known.as_ref(), &stop, tell).map_err(Failure::run)?;
+        let tell = steps("map");
+        let map = map::learn(&mut search, &problem, &own, known.as_ref(), &keeper, &tell);
+        synergies.map = map.map_err(Failure::run)?;
         if synergies.map.is_none() {
-            super::tell!(
-                "stopped before the map was there, nothing is written; the same command goes on from generation {} ({})",
-                search.generation,
-                checkpoint.path().display()
-            );
-            return Ok(ExitCode::from(130));
+            return stopped(&search, &keeper, Some(&checkpoint));
         }
     }
+    warn(&keeper);
     let path = arguments.out.join("synergies.json");
     synergies
         .write(&path)

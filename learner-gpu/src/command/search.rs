@@ -2,17 +2,19 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Quaternion, UnitQuaternion};
 use sinew_learn::chain::ChainDescription;
+use sinew_learn::checkpoint::{Checkpoint, Keeper, Kept};
 use sinew_learn::finish::Winner;
 use sinew_learn::gpu::{self, Gpu, GpuError};
 use sinew_learn::kernel::proposal::ISLAND;
-use sinew_learn::learn::{Backend, Checkpoint, Ended, Kept, LearnError, Progress, Search};
+use sinew_learn::learn::{Backend, Ended, LearnError, Progress, Search};
 use sinew_learn::map::LearnedMap;
 use sinew_learn::problem::{ModelKind, Problem, Settings, StepperKind};
 use sinew_learn::recordings::{self, Recording};
@@ -259,7 +261,7 @@ pub fn can_be_written(folder: &Path, files: &[&str]) -> Result<(), Failure> {
 
 /// The backend, and why it is this one, where that is not plain.
 ///
-/// `kept` is where a checkpoint may be: a search goes on where it began.
+/// `kept` is the file that a checkpoint may be in: a search goes on where it began.
 pub fn backend(
     options: &Options,
     problem: &Problem,
@@ -280,8 +282,8 @@ pub fn backend(
     }
     // A search goes on where it began, whatever is faster today.
     let began_on = |computed_by: &str| {
-        kept.is_some_and(|folder| {
-            let checkpoint = Checkpoint::new(folder, problem, computed_by);
+        kept.is_some_and(|file| {
+            let checkpoint = Checkpoint::new(file.to_owned(), problem, computed_by);
             matches!(checkpoint.read(), Kept::Search(_))
         })
     };
@@ -304,6 +306,69 @@ pub fn backend(
 
 /// What a checkpoint of the CPU says of where it began.
 const CPU: &str = "cpu";
+
+/// The search that a checkpoint holds, or a fresh one, and in words which of them.
+pub fn taken_up(checkpoint: &Checkpoint, fresh: Search) -> Search {
+    match checkpoint.read() {
+        Kept::Search(search) => {
+            super::tell!(
+                "going on from generation {} ({})",
+                search.generation,
+                checkpoint.path().display()
+            );
+            *search
+        }
+        Kept::Other => {
+            super::tell!(
+                "{} is of another search or damaged: beginning anew, it will be replaced",
+                checkpoint.path().display()
+            );
+            fresh
+        }
+        Kept::Nothing => fresh,
+    }
+}
+
+/// What a command that was stopped ends with: what it has done is kept in the checkpoint, where it has one.
+pub fn stopped(
+    search: &Search,
+    keeper: &Keeper<'_>,
+    checkpoint: Option<&Checkpoint>,
+) -> Result<ExitCode, Failure> {
+    match (keeper.unkept(), checkpoint) {
+        (Some(error), _) => return Err(Failure::run(format!("stopped, and not kept: {error}"))),
+        (None, Some(checkpoint)) => super::tell!(
+            "stopped after generation {}, no result is written; the same command goes on from there ({})",
+            search.generation,
+            checkpoint.path().display()
+        ),
+        (None, None) => super::tell!("stopped, no result is written"),
+    }
+    Ok(ExitCode::from(130))
+}
+
+/// Says so where the search that a result is from could not be kept when that was last tried.
+pub fn warn(keeper: &Keeper<'_>) {
+    if let Some(error) = keeper.unkept() {
+        super::tell!("what there was could not be kept meanwhile: {error}");
+    }
+}
+
+/// Shows how a map is made: every step, and every few seconds how far it is.
+pub fn steps(of: &str) -> impl Fn(&str, usize, usize) + Sync {
+    let last = Mutex::new((String::new(), Instant::now()));
+    move |words, done, count| {
+        let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_new = last.0 != words;
+        if is_new || last.1.elapsed() > EVERY {
+            *last = (words.to_owned(), Instant::now());
+            match is_new {
+                true => super::tell!("{of}: {words}"),
+                false => super::tell!("{of}: {words}: {done}/{count}"),
+            }
+        }
+    }
+}
 
 /// What a checkpoint says of where it began: lanes give the same bits at every width and on any number of threads;
 /// devices need not.
@@ -336,28 +401,20 @@ pub fn run(
     problem: &Problem,
     backend: &mut Backend,
     generations: u32,
-    stop: &AtomicBool,
-    checkpoint: Option<&Checkpoint>,
+    keeper: &Keeper<'_>,
 ) -> Result<Option<(Ended, Vec<Winner>)>, Failure> {
     let bar = Bar::new(generations);
-    let ended = search.run(
-        problem,
-        backend,
-        generations,
-        stop,
-        checkpoint,
-        |told| match told {
-            Ok(progress) => bar.show(&progress),
-            Err(words) => bar.say(&words),
-        },
-    );
+    let ended = search.run(problem, backend, generations, keeper, |told| match told {
+        Ok(progress) => bar.show(&progress),
+        Err(words) => bar.say(&words),
+    });
     let found = ended.and_then(|ended| {
         if ended == Ended::Stopped {
             return Ok(None);
         }
         let sets = problem.sets.len();
         let report = |turn, done| bar.finish(turn, done, sets);
-        let winners = search.winners(problem, stop, checkpoint, report)?;
+        let winners = search.winners(problem, keeper, report)?;
         Ok(winners.map(|winners| (ended, winners)))
     });
     bar.bar.finish_and_clear();
@@ -420,11 +477,14 @@ pub fn synergies(
     })
 }
 
+/// Between two lines of how it goes.
+const EVERY: Duration = Duration::from_secs(5);
+
 /// A progress bar on a terminal; a line every few seconds elsewhere.
 struct Bar {
     bar: ProgressBar,
     generations: u32,
-    last: std::cell::Cell<Option<Instant>>,
+    last: Mutex<Instant>,
 }
 
 impl Bar {
@@ -438,7 +498,7 @@ impl Bar {
         Bar {
             bar,
             generations,
-            last: std::cell::Cell::new(Some(Instant::now())),
+            last: Mutex::new(Instant::now()),
         }
     }
 
@@ -464,12 +524,11 @@ impl Bar {
     fn tell(&self, message: &str, line: impl Fn() -> String) {
         if std::io::stderr().is_terminal() {
             self.bar.set_message(message.to_owned());
-        } else if self
-            .last
-            .get()
-            .is_none_or(|last| last.elapsed() > Duration::from_secs(5))
-        {
-            self.last.set(Some(Instant::now()));
+            return;
+        }
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed() > EVERY {
+            *last = Instant::now();
             super::tell!("{}", line());
         }
     }

@@ -19,7 +19,6 @@ pub mod peak;
 mod tests;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 pub use adapter::{Adapter, AdapterKind, Which, adapters};
@@ -164,16 +163,21 @@ impl Gpu {
         self.preparation
     }
 
-    /// Runs every island from generation `from` until `to`, and returns the generation reached: less where `stop` was
-    /// set, but the same for all islands.
+    /// Runs every island from generation `from` until `to`, and returns the generation reached: less where it
+    /// was due to be put down, but the same for all islands.
     ///
     /// # Errors
     /// The device is lost, or refuses. The population on it is then not to be relied on: what
     /// [`islands`](Self::islands) returned last is.
-    pub fn advance(&mut self, from: u32, to: u32, stop: &AtomicBool) -> Result<u32, GpuError> {
+    pub fn advance(
+        &mut self,
+        from: u32,
+        to: u32,
+        is_due: impl Fn() -> bool,
+    ) -> Result<u32, GpuError> {
         let ticks: u64 = self.groups.iter().flat_map(|group| &group.ticks).sum();
         let mut at = from;
-        while at < to && !stop.load(Ordering::Relaxed) {
+        while at < to && !is_due() {
             let generations = self.pace.generations(ticks).min(MOST_GENERATIONS);
             let next = to.min(at.saturating_add(generations));
             self.everywhere(at..next, &[Step::Attempt, Step::Settle])?;

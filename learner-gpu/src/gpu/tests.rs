@@ -1,7 +1,5 @@
 //! The device against the core and the CPU's kernels. Where there is no adapter these tests say so and test nothing.
 
-use std::sync::atomic::AtomicBool;
-
 use nalgebra::{UnitQuaternion, Vector3};
 use sinew::math::{exp, sin_cos};
 use wgpu::{
@@ -13,6 +11,7 @@ use super::*;
 use crate::chain::{
     ChainDescription, JointDescription, KindDescription, LandmarkDescription, TransformDescription,
 };
+use crate::checkpoint::Keeper;
 use crate::kernel::compose::compose;
 use crate::kernel::philox::philox;
 use crate::kernel::proposal::parameter;
@@ -32,8 +31,8 @@ fn there_is_an_adapter() -> bool {
     there
 }
 
-fn never() -> AtomicBool {
-    AtomicBool::new(false)
+fn never() -> bool {
+    false
 }
 
 /// One vector for each of these motions.
@@ -156,7 +155,7 @@ fn ran(problem: &Problem, cuts: &[u32]) -> Vec<Island> {
     let mut gpu = Gpu::new(problem, &fresh(problem), Which::Best).unwrap();
     let mut at = 0;
     for &to in cuts {
-        at = gpu.advance(at, to, &never()).unwrap();
+        at = gpu.advance(at, to, never).unwrap();
     }
     gpu.islands().unwrap()
 }
@@ -188,7 +187,7 @@ fn by_the_core<const N: usize>(problem: &Problem, islands: &[Island]) -> Vec<f32
 /// Prints how near the device's scores are to the core's, and returns the median relative difference.
 fn compare<const N: usize>(what: &str, problem: &Problem) -> f64 {
     let mut gpu = Gpu::new(problem, &fresh(problem), Which::Best).unwrap();
-    gpu.advance(0, 1, &never()).unwrap();
+    gpu.advance(0, 1, never).unwrap();
     let scores = gpu.scores().unwrap();
     let core = by_the_core::<N>(problem, &gpu.islands().unwrap());
     let pairs = scores.into_iter().flatten().zip(core);
@@ -260,7 +259,7 @@ fn a_population_in_several_groups_and_rows_of_workgroups_ends_with_the_same_bits
     let mut split = Gpu::within(&problem, &fresh(&problem), Which::Best, 7_000).unwrap();
     assert_eq!(split.groups.len(), 5);
     split.kernel.columns = 1;
-    split.advance(0, 20, &never()).unwrap();
+    split.advance(0, 20, never).unwrap();
     let whole = ran(&problem, &[20]);
     assert_eq!(split.islands().unwrap(), whole);
 
@@ -284,8 +283,8 @@ fn a_stopped_search_goes_on_as_if_never_stopped() {
     assert_eq!(ran(&problem, &[1, 13, 30]), whole);
 
     let mut gpu = Gpu::new(&problem, &ran(&problem, &[11]), Which::Best).unwrap();
-    assert_eq!(gpu.advance(11, 30, &AtomicBool::new(true)).unwrap(), 11);
-    assert_eq!(gpu.advance(11, 30, &never()).unwrap(), 30);
+    assert_eq!(gpu.advance(11, 30, || true).unwrap(), 11);
+    assert_eq!(gpu.advance(11, 30, never).unwrap(), 30);
     assert_eq!(gpu.islands().unwrap(), whole);
 }
 
@@ -334,9 +333,9 @@ fn a_lost_device_is_an_error_and_no_more() {
     }
     let problem = problem(human(1), StepperKind::Transpose, ModelKind::A, false);
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
-    gpu.advance(0, 2, &never()).unwrap();
+    gpu.advance(0, 2, never).unwrap();
     gpu.device.device.destroy();
-    assert!(gpu.advance(2, 4, &never()).is_err());
+    assert!(gpu.advance(2, 4, never).is_err());
     assert!(gpu.islands().is_err());
     assert!(gpu.replace(&problem, &fresh(&problem)).is_err());
     println!("{}", gpu.summary().unwrap_err());
@@ -355,13 +354,14 @@ fn a_search_whose_device_is_lost_goes_on_with_the_cpu_from_what_was_read_back() 
         device: Box::new(device),
         or_cpu: true,
     };
+    let keeper = Keeper::default();
     let mut words = Vec::new();
     let mut told = |told: Result<Progress, String>| match told {
         Ok(progress) if progress.generation == 32 => handle.destroy(),
         Ok(_) => {}
         Err(text) => words.push(text),
     };
-    lost.run(&problem, &mut backend, 64, &never(), None, &mut told)
+    lost.run(&problem, &mut backend, 64, &keeper, &mut told)
         .unwrap();
     assert!(matches!(backend, Backend::Cpu));
     assert!(
@@ -371,7 +371,7 @@ fn a_search_whose_device_is_lost_goes_on_with_the_cpu_from_what_was_read_back() 
 
     let mut whole = Search::new(&problem);
     whole
-        .run(&problem, &mut Backend::Cpu, 64, &never(), None, |_| {})
+        .run(&problem, &mut Backend::Cpu, 64, &keeper, |_| {})
         .unwrap();
     assert_eq!(lost.generation, whole.generation);
     assert_eq!(lost.islands.len(), whole.islands.len());
@@ -420,7 +420,7 @@ fn a_million_members_of_21_parameters_run_in_default_limits() {
     problem.islands = (1 << 20) / ISLAND;
     assert_eq!((problem.population(), problem.genes()), (1 << 20, 21));
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
-    gpu.advance(0, 2, &never()).unwrap();
+    gpu.advance(0, 2, never).unwrap();
     same_scores(&mut gpu, &problem, &[0, 1, 9_999, 16_383]);
     assert!(gpu.summary().unwrap().iter().all(|&(best, _)| best < 1.0));
 
@@ -428,7 +428,7 @@ fn a_million_members_of_21_parameters_run_in_default_limits() {
     problem.sets.push(vec![0]);
     gpu.replace(&problem, &fresh(&problem)).unwrap();
     assert!(gpu.groups.len() > 1);
-    gpu.advance(0, 1, &never()).unwrap();
+    gpu.advance(0, 1, never).unwrap();
     same_scores(&mut gpu, &problem, &[16_383, 16_384, 32_767]);
 }
 
@@ -443,7 +443,7 @@ fn more_islands_than_workgroups_in_a_row_run_in_default_limits() {
     problem.islands = 66_000;
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
     gpu.pace = Pace::fixed(u64::MAX);
-    gpu.advance(0, 1, &never()).unwrap();
+    gpu.advance(0, 1, never).unwrap();
     same_scores(&mut gpu, &problem, &[0, 65_534, 65_535, 65_999]);
 }
 
@@ -470,14 +470,14 @@ fn a_thousand_motions_of_200_frames_run_in_default_limits() {
         (gpu.kernel.window, gpu.groups.len() > 1),
         (software, software)
     );
-    gpu.advance(0, 1, &never()).unwrap();
+    gpu.advance(0, 1, never).unwrap();
     same_scores(&mut gpu, &problem, &[0, 1, 500, 999]);
 
     // One vector for all of them: more frames than a thread may run in a dispatch, and than fit a window.
     problem.sets = vec![(0..1000).collect()];
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
     assert!(!gpu.kernel.window);
-    gpu.advance(0, 1, &never()).unwrap();
+    gpu.advance(0, 1, never).unwrap();
     same_scores(&mut gpu, &problem, &[0]);
 }
 
@@ -492,7 +492,7 @@ fn a_set_whose_motions_are_scored_in_parts_ends_with_the_same_bits() {
     for most in [1, 2, 4] {
         let mut split = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
         split.most_motions = most;
-        split.advance(0, 12, &never()).unwrap();
+        split.advance(0, 12, never).unwrap();
         assert_eq!(split.islands().unwrap(), whole, "{most} at once");
         let again: Vec<Vec<f32>> = whole.iter().map(|island| island.scores.clone()).collect();
         assert_eq!(split.scores().unwrap(), again);
