@@ -126,6 +126,12 @@ pub enum ChainError {
         /// The DoFs that there are.
         joints: String,
     },
+    /// Two landmarks have the same name.
+    #[error("there are two landmarks \"{landmark}\", expected one")]
+    RepeatedLandmark {
+        /// The name.
+        landmark: String,
+    },
     /// Landmarks are not in chain order, or two lie on the same DoF.
     #[error(
         "the landmark \"{landmark}\" must lie on a later joint than \"{before}\": landmarks are listed from the base to the tip"
@@ -234,7 +240,13 @@ impl ChainDescription {
 
     fn check_landmarks(&self) -> Result<(), ChainError> {
         let mut before: Option<&LandmarkDescription> = None;
-        for landmark in &self.landmarks {
+        for (number, landmark) in self.landmarks.iter().enumerate() {
+            let mut others = self.landmarks.iter().take(number);
+            if others.any(|other| other.name == landmark.name) {
+                return Err(ChainError::RepeatedLandmark {
+                    landmark: landmark.name.clone(),
+                });
+            }
             if landmark.joint >= self.joints.len() {
                 return Err(ChainError::NoSuchJoint {
                     landmark: landmark.name.clone(),
@@ -459,6 +471,10 @@ mod tests {
         assert_eq!(
             said(|c| c.landmarks.swap(0, 1)),
             "the landmark \"shoulder\" must lie on a later joint than \"elbow\": landmarks are listed from the base to the tip"
+        );
+        assert_eq!(
+            said(|c| c.landmarks[1].name = "shoulder".to_owned()),
+            "there are two landmarks \"shoulder\", expected one"
         );
         assert_eq!(
             said(|c| drop(c.joints.pop())),

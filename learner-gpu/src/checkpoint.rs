@@ -64,8 +64,11 @@ impl Checkpoint {
 
     /// The state kept, where there is one of the same search.
     pub fn read(&self) -> Kept {
-        let Ok(bytes) = std::fs::read(&self.path) else {
-            return Kept::Nothing;
+        // What is no file may have no end.
+        let bytes = match std::fs::metadata(&self.path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Kept::Nothing,
+            Ok(there) if there.is_file() => std::fs::read(&self.path).unwrap_or_default(),
+            _ => return Kept::Other,
         };
         match postcard::from_bytes_crc32::<File<Search>>(&bytes, CHECK.digest()) {
             Ok(file) if file.identity == self.identity => Kept::Search(Box::new(file.search)),
@@ -103,7 +106,12 @@ pub struct Keeper<'a> {
     kept: Cell<Instant>,
     /// Why it is not, where it could not be when it was last tried.
     unkept: RefCell<Option<LearnError>>,
+    /// Who hears of what takes long.
+    told: Option<Told<'a>>,
 }
+
+/// Who hears how it goes: what is done now, and how much of it is done of how much; of nothing, where it is a remark.
+pub type Told<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
 /// How a search is kept.
 type Keep<'a> = Box<dyn Fn(&Search) -> Result<(), LearnError> + 'a>;
@@ -130,6 +138,15 @@ impl<'a> Keeper<'a> {
             keep,
             kept: Cell::new(Instant::now()),
             unkept: RefCell::new(None),
+            told: None,
+        }
+    }
+
+    /// The same one, but that somebody hears how it goes.
+    pub fn telling<'b>(&'b self, told: Told<'b>) -> Keeper<'b> {
+        Keeper {
+            told: Some(told),
+            ..self.within(|search| self.keep_told(search, Some(told)))
         }
     }
 
@@ -147,6 +164,17 @@ impl<'a> Keeper<'a> {
             },
             kept: self.kept.clone(),
             unkept: RefCell::new(None),
+            told: self.told,
+        }
+    }
+
+    /// Who hears how a part of the work goes, on any thread: how many of its pieces are done.
+    pub(crate) fn hears(&self, part: &str, count: usize) -> impl Fn(usize) + Sync + use<'a> {
+        let (told, part) = (self.told, part.to_owned());
+        move |done| {
+            if let Some(told) = told {
+                told(&part, done, count);
+            }
         }
     }
 
@@ -165,8 +193,21 @@ impl<'a> Keeper<'a> {
     /// Keeps a search now. Where that cannot be, [`unkept`](Self::unkept) has the reason, and it is tried again in time:
     /// that it cannot be stopped is no reason for a search not to go on.
     pub fn keep(&self, search: &Search) {
+        self.keep_told(search, self.told);
+    }
+
+    fn keep_told(&self, search: &Search, told: Option<Told<'_>>) {
         if let Some(keep) = &self.keep {
-            *self.unkept.borrow_mut() = keep(search).err();
+            let before = self.unkept.borrow().is_some();
+            let unkept = keep(search).err();
+            if let (Some(error), false, Some(told)) = (&unkept, before, told) {
+                told(
+                    &format!("{error}: going on, but a stop would lose it"),
+                    0,
+                    0,
+                );
+            }
+            *self.unkept.borrow_mut() = unkept;
             self.kept.set(Instant::now());
         }
     }
@@ -182,8 +223,16 @@ impl<'a> Keeper<'a> {
 pub(crate) struct Journal {
     /// What the work is.
     work: String,
-    /// What has come of the pieces of each of its parts.
-    parts: BTreeMap<String, Vec<Option<Vec<u8>>>>,
+    /// The pieces of each of its parts.
+    parts: BTreeMap<String, Vec<Piece>>,
+}
+
+/// A piece of a work.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Piece {
+    is_done: bool,
+    /// What has come of it, or, where it is not done, what it has begun with, if it was begun.
+    bytes: Vec<u8>,
 }
 
 impl Search {
@@ -210,26 +259,52 @@ impl Search {
         tell: impl Fn(usize) + Sync,
         piece: impl Fn(usize) -> Result<Option<T>, LearnError> + Sync,
     ) -> Result<Option<Vec<T>>, LearnError> {
+        self.long_pieces(keeper, part, count, tell, |number, (): &mut ()| {
+            piece(number)
+        })
+    }
+
+    /// The same of pieces that take so long that what is begun of one is kept, too, where it was told to stop.
+    pub(crate) fn long_pieces<T, B>(
+        &mut self,
+        keeper: &Keeper<'_>,
+        part: &str,
+        count: usize,
+        tell: impl Fn(usize) + Sync,
+        piece: impl Fn(usize, &mut B) -> Result<Option<T>, LearnError> + Sync,
+    ) -> Result<Option<Vec<T>>, LearnError>
+    where
+        T: Serialize + DeserializeOwned,
+        B: Serialize + DeserializeOwned + Default,
+    {
         loop {
             let is_due = keeper.is_due();
-            let done = self.journal.parts.entry(part.to_owned()).or_default();
-            done.resize(count, None);
-            let so_far = AtomicUsize::new(done.iter().flatten().count());
-            tell(so_far.load(Ordering::Relaxed));
-            let left = done.par_iter_mut().enumerate();
-            left.filter(|(_, done)| done.is_none())
-                .try_for_each(|(number, done)| {
-                    if !is_due()
-                        && let Some(found) = piece(number)?
-                    {
-                        *done = Some(postcard::to_stdvec(&found)?);
-                        tell(so_far.fetch_add(1, Ordering::Relaxed) + 1);
-                    }
-                    Ok::<(), LearnError>(())
-                })?;
-            if done.iter().all(Option::is_some) {
-                let found = done.iter().flatten();
-                let found = found.map(|bytes| postcard::from_bytes(bytes));
+            let pieces = self.journal.parts.entry(part.to_owned()).or_default();
+            pieces.resize(count, Piece::default());
+            let done = AtomicUsize::new(pieces.iter().filter(|piece| piece.is_done).count());
+            tell(done.load(Ordering::Relaxed));
+            let left = pieces.par_iter_mut().enumerate();
+            let left = left.filter(|(_, kept)| !kept.is_done);
+            left.try_for_each(|(number, kept)| {
+                if is_due() {
+                    return Ok(());
+                }
+                let mut begun = match &kept.bytes[..] {
+                    [] => B::default(),
+                    bytes => postcard::from_bytes(bytes)?,
+                };
+                if let Some(found) = piece(number, &mut begun)? {
+                    kept.is_done = true;
+                    kept.bytes = postcard::to_stdvec(&found)?;
+                    tell(done.fetch_add(1, Ordering::Relaxed) + 1);
+                } else {
+                    kept.bytes = postcard::to_stdvec(&begun)?;
+                }
+                Ok::<(), LearnError>(())
+            })?;
+            if pieces.iter().all(|piece| piece.is_done) {
+                let found = pieces.iter();
+                let found = found.map(|piece| postcard::from_bytes(&piece.bytes));
                 return Ok(Some(found.collect::<Result<_, _>>()?));
             }
             keeper.keep(self);

@@ -18,6 +18,10 @@ use crate::task::TaskError;
 const SHORT: f64 = 1.0;
 /// A generation that takes longer than this, seconds, says enough of larger ones.
 const ENOUGH: f64 = 0.02;
+/// And in any case this, seconds.
+const LONG: f64 = 0.5;
+/// A device is full when four times the work takes more than so many times as long.
+const FULL: f64 = 3.0;
 /// Generations that are timed at once.
 const TIMED: u32 = 2;
 
@@ -64,7 +68,7 @@ pub fn faster(
     islands: &[Island],
     generations: u32,
 ) -> Result<(Backend, Reason), LearnError> {
-    let on_cpu = forecast(problem, generations, |sample, islands| {
+    let on_cpu = forecast(problem, generations, false, |sample, islands| {
         let mut islands = islands.to_vec();
         let began = Instant::now();
         cpu::advance(sample, &mut islands, 1, 1 + TIMED, || false)?;
@@ -104,7 +108,7 @@ fn on_device(
     generations: u32,
 ) -> Result<(Gpu, f64), GpuError> {
     let mut device = Gpu::new(problem, islands, Which::Best)?;
-    let seconds = forecast(problem, generations, |sample, islands| {
+    let seconds = forecast(problem, generations, true, |sample, islands| {
         device.replace(sample, islands)?;
         // One that does not count: drivers move buffers at first use.
         device.advance(1, 2, || false)?;
@@ -116,21 +120,26 @@ fn on_device(
     Ok((device, seconds))
 }
 
-/// Seconds for all generations of a search, from what `timed` says that [`TIMED`] generations of a part of it take.
+/// Seconds for all generations of a search, from what `timed` says that [`TIMED`] generations of a part of it take: a part
+/// large enough, and, where a place is `wide`, one for which it takes longer than for a smaller part. One that is not full
+/// takes as long for many islands as for one.
 fn forecast<E>(
     problem: &Problem,
     generations: u32,
+    wide: bool,
     mut timed: impl FnMut(&Problem, &[Island]) -> Result<f64, E>,
 ) -> Result<f64, E> {
-    let mut part = 1;
+    let (mut part, mut before) = (1, None);
     loop {
         let sample = sample(problem, part);
         let took = timed(&sample, &Search::new(&sample).islands)? / f64::from(TIMED);
         let share =
             sample.frames_a_generation() as f64 / problem.frames_a_generation().max(1) as f64;
-        if took > ENOUGH || share >= 1.0 {
+        let is_full = !wide || before.is_some_and(|before| took > FULL * before);
+        if share >= 1.0 || took > LONG || took > ENOUGH && is_full {
             return Ok(took / share.max(1e-9) * f64::from(generations));
         }
+        before = Some(took);
         part *= 4;
     }
 }
@@ -178,7 +187,7 @@ mod tests {
     fn a_forecast_is_that_of_work_that_takes_as_long_as_its_frames() {
         let problem = problem(32);
         let mut largest = 0;
-        let seconds = forecast(&problem, 100, |sample, islands| {
+        let seconds = forecast(&problem, 100, false, |sample, islands| {
             assert_eq!(islands.len(), sample.sets.len() * sample.islands);
             let frames = sample.frames_a_generation();
             largest = largest.max(frames);
@@ -189,6 +198,18 @@ mod tests {
         assert!((seconds / (100.0 * whole as f64 * 1e-6) - 1.0).abs() < 1e-9);
         // What is long enough is not made longer.
         assert!(largest < whole);
+    }
+
+    #[test]
+    fn a_place_that_is_not_full_is_given_more_before_it_is_forecast() {
+        let problem = problem(32);
+        let whole = problem.frames_a_generation() as f64;
+        // Up to half of the work takes as long as any.
+        let seconds = forecast(&problem, 100, true, |sample, _| {
+            let share = sample.frames_a_generation() as f64 / whole;
+            Ok::<_, ()>(f64::from(TIMED) * 0.1 * (2.0 * share).max(1.0))
+        });
+        assert!((seconds.unwrap() / 20.0 - 1.0).abs() < 1e-9);
     }
 
     #[test]

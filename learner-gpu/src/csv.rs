@@ -78,6 +78,14 @@ pub enum CsvError {
         /// The file.
         file: String,
     },
+    /// The header's names are separated by something else than commas.
+    #[error("{line}: column names are separated by {found:?}, expected commas")]
+    Separator {
+        /// The header.
+        line: Line,
+        /// What separates them.
+        found: char,
+    },
     /// The header lacks a column.
     #[error("{line}: there is no column {column:?}, expected it among the columns found: {found}")]
     MissingColumn {
@@ -465,6 +473,13 @@ impl Columns {
                 found: header.iter().collect::<Vec<_>>().join(","),
             })
         };
+        // A name that holds others is no name.
+        let separator = header.get(0).filter(|_| header.len() == 1);
+        let separator = separator.and_then(|all| all.chars().find(|c| [';', '\t'].contains(c)));
+        if let Some(found) = separator {
+            let line = line.clone();
+            return Err(CsvError::Separator { line, found });
+        }
         let time = need(TIME)?;
         let mut landmarks = [[0; 3]; LANDMARKS.len()];
         for (places, (_, columns)) in landmarks.iter_mut().zip(LANDMARKS) {
@@ -674,6 +689,17 @@ mod tests {
             "reach.csv, line 1: there is no column \"ez\", expected it among the columns found: \
              time,sx,sy,sz,ex,ey,elbow_z,wx,wy,wz,hx,hy,hz,phase"
         );
+    }
+
+    #[test]
+    fn names_that_are_not_separated_by_commas_are_named() {
+        for separator in [";", "\t"] {
+            assert_eq!(
+                complaint(with_second(SECOND).replace(',', separator)),
+                format!("reach.csv, line 1: column names are separated by {separator:?}, expected commas")
+                    .replace('"', "'")
+            );
+        }
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::kernel::anneal::{Island, UNSCORED};
 use crate::kernel::proposal::{Draws, ISLAND};
 use crate::learn::{LearnError, Search, bests, draws};
 use crate::problem::{Problem, mean};
-use crate::refine::{Landscape, Precision, shares};
+use crate::refine::{Landscape, Precision, Strides, Tape, shares};
 use crate::synergies::score;
 use crate::task::TaskError;
 
@@ -51,6 +51,9 @@ pub struct Winner {
     pub(crate) point: Vec<f32>,
 }
 
+/// What strides of a set that was cut off had come to: the tapes of every run.
+type Tapes = Vec<Vec<Tape>>;
+
 /// A point of the bounds, with its score in metres.
 type Scored = (Vec<f32>, f64);
 
@@ -70,8 +73,8 @@ impl Search {
         let landscape = Landscape::new(problem)?;
         let stop = keeper.stop;
         let sets = problem.sets.len();
-        self.work(format!("the end after {}", self.generation));
         while let Some(turn) = self.due() {
+            self.work(format!("turn {turn} after {}", self.generation));
             let began = Instant::now();
             // A generation that the search did not get to: its draws are free.
             let generation = self.generation + 1 + turn as u32;
@@ -80,12 +83,12 @@ impl Search {
                 _ => self.guests(problem, &landscape, set),
             };
             let pools: Vec<Pool> = (0..sets).into_par_iter().map(pool).collect();
-            let stride = |set: usize| {
+            let stride = |set: usize, tapes: &mut Tapes| {
                 let draws = |member| draws(problem, set, member, generation);
                 let (pool, count) = (pools[set].clone(), AtomicU64::new(0));
                 let point = match turn {
-                    0 => pool.stride(draws, &count, stop),
-                    _ => pool.visit(draws, &count, stop),
+                    0 => pool.stride(draws, tapes, &count, stop),
+                    _ => pool.visit(draws, tapes, &count, stop),
                 };
                 let won = point
                     .map(|point| winner(problem, set, &point))
@@ -93,10 +96,10 @@ impl Search {
                 Ok(won.map(|won| (won, count.into_inner())))
             };
             let told = |done| report(turn, done);
-            let part = format!("turn {turn}");
-            let found = self.pieces(keeper, &part, sets, told, stride)?;
+            let found = self.long_pieces(keeper, "strides", sets, told, stride)?;
             self.seconds += began.elapsed().as_secs_f64();
             let Some(found) = found else {
+                keeper.keep(self);
                 return Ok(None);
             };
             let (won, counts): (Vec<Winner>, Vec<u64>) = found.into_iter().unzip();
@@ -247,6 +250,7 @@ impl<'a> Pool<'a> {
     fn stride(
         mut self,
         draws: impl Fn(usize) -> Draws,
+        tapes: &mut Tapes,
         count: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<f32>> {
@@ -254,7 +258,9 @@ impl<'a> Pool<'a> {
         let mut run = 0;
         while !chosen.is_empty() {
             let draws = |member| draws(run * POOL + member);
-            let gained = self.go_on(&chosen, f64::INFINITY, draws, count, stop)?;
+            tapes.resize(tapes.len().max(run + 1), Vec::new());
+            let tapes = &mut tapes[run];
+            let gained = self.go_on(&chosen, f64::INFINITY, draws, tapes, count, stop)?;
             run += 1;
             let mut order: Vec<usize> = (0..self.members.len()).collect();
             order.sort_by(|&a, &b| self.members[a].1.total_cmp(&self.members[b].1));
@@ -270,12 +276,14 @@ impl<'a> Pool<'a> {
     fn visit(
         mut self,
         draws: impl Fn(usize) -> Draws,
+        tapes: &mut Tapes,
         count: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<f32>> {
         let guests: Vec<usize> = (1..self.members.len()).collect();
         let goal = self.members.first().map_or(f64::INFINITY, |own| own.1);
-        self.go_on(&guests, goal, draws, count, stop)?;
+        tapes.resize(1, Vec::new());
+        self.go_on(&guests, goal, draws, &mut tapes[0], count, stop)?;
         Some(self.best())
     }
 
@@ -285,14 +293,19 @@ impl<'a> Pool<'a> {
         chosen: &[usize],
         goal: f64,
         draws: impl Fn(usize) -> Draws,
+        tapes: &mut Vec<Tape>,
         count: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<usize>> {
         let start = |&member: &usize| (self.members[member].0.clone(), draws(member));
         let starts: Vec<_> = chosen.iter().map(start).collect();
-        let ends = self
-            .landscape
-            .adapt(self.set, &starts, self.precision, goal, count, stop)?;
+        let strides = Strides {
+            set: self.set,
+            starts: &starts,
+            precision: self.precision,
+            goal,
+        };
+        let ends = self.landscape.adapt(&strides, tapes, count, stop)?;
         let mut gained = Vec::new();
         for (&member, end) in chosen.iter().zip(ends) {
             let gain = self.members[member].1 - end.1;
@@ -416,7 +429,9 @@ mod tests {
             assert_eq!(least, before[0]);
             let (count, stop) = (AtomicU64::new(0), AtomicBool::new(false));
             let draws = |member| draws(&problem, 0, member, 17);
-            let point = pool.stride(draws, &count, &stop).unwrap();
+            let point = pool
+                .stride(draws, &mut Tapes::new(), &count, &stop)
+                .unwrap();
             let after = winner(&problem, 0, &point).unwrap().distances[0];
             assert!(after <= least * (1.0 + 1e-5), "{after} after {least}");
             assert!(count.into_inner() > 0);
@@ -464,6 +479,36 @@ mod tests {
         }
         let again = first.winners(&problem, &never, |_, _| {});
         assert_eq!(again.unwrap().unwrap(), winners);
+        assert_eq!(first.evaluations, whole.evaluations);
+    }
+
+    #[test]
+    fn however_often_strides_are_stopped_they_end_as_if_they_never_were() {
+        let problem = problem(StepperKind::NormalisedTranspose, ModelKind::C, 1);
+        let mut first = search(&problem);
+        let mut whole = first.clone();
+        let began = Instant::now();
+        let winners = whole.winners(&problem, &Keeper::default(), |_, _| {});
+        let (winners, took) = (winners.unwrap().unwrap(), began.elapsed());
+        let mut stops = 0;
+        let again = loop {
+            let stop = AtomicBool::new(false);
+            let again = std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(took / 20);
+                    stop.store(true, Ordering::Relaxed);
+                });
+                let keeper = Keeper::new(&stop, None);
+                first.winners(&problem, &keeper, |_, _| {}).unwrap()
+            });
+            match again {
+                Some(again) => break again,
+                None => stops += 1,
+            }
+            assert!(stops < 400, "it comes to no end");
+        };
+        assert!(stops > 5, "{stops}");
+        assert_eq!(again, winners);
         assert_eq!(first.evaluations, whole.evaluations);
     }
 

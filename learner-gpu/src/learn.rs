@@ -222,11 +222,11 @@ impl Search {
             report(Ok(self.progress(problem)));
 
             // The end is kept, too: what then goes on in f64 may take its time.
-            let ended = !self.goes_on(generations);
-            if ended || keeper.is_due()() {
+            let (ended, stopped) = (!self.goes_on(generations), keeper.stopped());
+            if ended || stopped || keeper.is_due()() {
                 keeper.keep(self);
             }
-            if !ended && keeper.stopped() {
+            if !ended && stopped {
                 return Ok(Ended::Stopped);
             }
         }
@@ -237,11 +237,12 @@ impl Search {
         })
     }
 
-    /// The generation that the round which is on ends with: the budget ends the last.
+    /// The generation that the round which is on ends with: the budget ends the last, though it may be less than what ran.
     fn end_of_round(&self, generations: u32) -> u32 {
         (self.bests.len() as u32 + 1)
             .saturating_mul(GENERATIONS_A_ROUND)
             .min(generations)
+            .max(self.generation)
     }
 
     /// Forgets that rounds gain nothing more: [`run`](Self::run) runs another.
@@ -252,7 +253,7 @@ impl Search {
     /// Whether there are generations to run, or a last round to end.
     fn goes_on(&self, generations: u32) -> bool {
         let rounds = self.generation.div_ceil(GENERATIONS_A_ROUND) as usize;
-        let round_is_due = self.generation == generations && self.bests.len() < rounds;
+        let round_is_due = self.generation >= generations && self.bests.len() < rounds;
         !self.settled && (self.generation < generations || round_is_due)
     }
 
@@ -290,14 +291,15 @@ impl Search {
             own.extend(self.starts_within(problem));
         }
         let mut islands = self.islands.clone();
-        let Some(mut count) = self.descend(ground, "own", &own, &mut islands, keeper)? else {
+        let Some(mut count) = self.descend(ground, "descents", &own, &mut islands, keeper)? else {
             return Ok(false);
         };
 
         // Others' bests are tried after the descents, with what these have found.
         let offers = offers(&islands, problem.islands, &self.offered);
         let guests = guests(landscape, self.offered.len(), &offers);
-        let Some(floors) = self.floors(ground, "guests", &guests, keeper)? else {
+        let Some(floors) = self.floors(ground, "descents from others' bests", &guests, keeper)?
+        else {
             return Ok(false);
         };
         for (number, (guest, floor)) in guests.iter().zip(&floors).enumerate() {
@@ -342,7 +344,8 @@ impl Search {
         keeper: &Keeper<'_>,
     ) -> Result<Option<Vec<Floor>>, LearnError> {
         let floor = |number: usize| Ok(Some(ground.landscape.descend(&starts[number])));
-        self.pieces(keeper, part, starts.len(), |_| {}, floor)
+        let told = keeper.hears(part, starts.len());
+        self.pieces(keeper, part, starts.len(), told, floor)
     }
 
     /// Descends, and puts the floors in their places: how many evaluations it took. None, and no island is changed, where it
@@ -385,7 +388,7 @@ impl Search {
         while idle.iter().any(|&idle| idle < PATIENCE) && round.encore < MOST_ENCORES {
             round.encore += 1;
             let own = round.starts(ground, islands, |set| idle[set] < PATIENCE);
-            let part = format!("encore {}", round.encore);
+            let part = format!("descents alone, turn {}", round.encore);
             match self.descend(ground, &part, &own, islands, keeper)? {
                 Some(descents) => count += descents,
                 None => return Ok(None),
@@ -436,7 +439,10 @@ impl Search {
     ) -> Result<Option<Vec<Winner>>, LearnError> {
         match self.run(problem, &mut Backend::Cpu, generations, keeper, |_| {})? {
             Ended::Stopped => Ok(None),
-            _ => self.winners(problem, keeper, |_, _| {}),
+            _ => {
+                let told = keeper.hears("strides", problem.sets.len());
+                self.winners(problem, keeper, |_, done| told(done))
+            }
         }
     }
 

@@ -29,7 +29,7 @@ use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, t
 use sinew::real::Real;
 use sinew_protocol::frame::CHECK;
 
-use crate::checkpoint::Keeper;
+use crate::checkpoint::{Keeper, Told};
 use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, Inner, LearnError, Search};
@@ -64,9 +64,6 @@ const PREDICTED: &str = "learned for a predicted path";
 const ROUNDS: u32 = 2;
 /// Reaches that are predicted in one piece of work, where nothing is left out.
 const AT_ONCE: usize = 16;
-
-/// Who hears how it goes: what is done now, and how much of it is done of how much.
-pub type Told<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
 /// How a parameter depends on a reach.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -270,7 +267,10 @@ pub fn learn(
     tell("one vector for all reaches", 0, 1);
     let all: Vec<usize> = (0..problem.tasks.len()).collect();
     let jointly = jointly(problem, &all);
-    let one = |search: &mut Search, keeper: &Keeper<'_>| one_vector(search, &jointly, keeper);
+    let told = |_: &str, done, count| tell("one vector for all reaches", done, count);
+    let one = |search: &mut Search, keeper: &Keeper<'_>| {
+        one_vector(search, &jointly, &keeper.telling(&told))
+    };
     let Some(one) = search.inside(Inner::Jointly, &jointly, keeper, one)? else {
         return Ok(None);
     };
@@ -583,8 +583,9 @@ pub fn transfer(
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
     let most = most.min(count.saturating_sub(1));
-    tell("each reach by itself", 0, most + 1);
-    let Some(winners) = search.end(problem, generations, keeper)? else {
+    let told =
+        |words: &str, done, count| tell(&format!("each reach by itself: {words}"), done, count);
+    let Some(winners) = search.end(problem, generations, &keeper.telling(&told))? else {
         return Ok(None);
     };
     let own: Vec<Vec<f64>> = winners.into_iter().map(|one| one.parameters).collect();
@@ -602,7 +603,6 @@ pub fn transfer(
     };
     let mut out = Vec::new();
     for used in 0..=most {
-        tell(&format!("{used} reaches"), used, most + 1);
         let folds = match used {
             0 => folds(0)[..1].to_vec(),
             used => folds(used),
@@ -613,8 +613,9 @@ pub fn transfer(
                 own: &reaches,
                 others,
             };
-            let part = format!("{used}, {part}");
-            let points = predicted(search, problem, seen, (&part, &folds), keeper, |_| {})?;
+            let part = format!("{used} reaches, predicted {part}");
+            let told = |done| tell(&part, done, folds.len());
+            let points = predicted(search, problem, seen, (&part, &folds), keeper, told)?;
             Ok::<_, LearnError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
         };
         let predicted_cm = match known.reaches[..] {
@@ -656,8 +657,9 @@ pub fn transfer(
                 [adapted, affine, one]
             }))
         };
-        let part = format!("{used}, fitted");
-        let Some(fitted) = search.pieces(keeper, &part, folds.len(), |_| {}, fitted)? else {
+        let part = format!("{used} reaches, fitted");
+        let told = |done| tell(&part, done, folds.len());
+        let Some(fitted) = search.pieces(keeper, &part, folds.len(), told, fitted)? else {
             return Ok(None);
         };
         let mean_cm = |k: usize| 100.0 * mean(fitted.iter().map(|fitted: &[f64; 3]| fitted[k]));
@@ -976,7 +978,13 @@ impl<'a> Fit<'a> {
             };
             Ok(descended.map(best))
         };
-        let found = search.pieces(keeper, "beginnings", folds.len(), |_| {}, beginning)?;
+        let found = search.pieces(
+            keeper,
+            "beginnings",
+            folds.len(),
+            keeper.hears("beginnings", folds.len()),
+            beginning,
+        )?;
         let matrix = |values: Vec<f64>| DMatrix::from_vec(problem.genes(), 1, values);
         Ok(found.map(|found| found.into_iter().map(matrix).collect()))
     }
@@ -1132,7 +1140,71 @@ impl<'a> Fit<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkpoint::{Checkpoint, Kept};
+    use crate::problem::{Settings, StepperKind};
+    use crate::task::{Arm, facing};
     use nalgebra::Vector3;
+    use std::time::Instant;
+
+    #[test]
+    fn however_often_it_is_stopped_a_map_ends_as_if_it_never_was() {
+        let reaches = crate::sample::shipped().unwrap();
+        let arm = Arm::Human(facing(&reaches));
+        let tasks = reaches.iter().step_by(3);
+        let tasks: Vec<Task> = tasks
+            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
+            .collect();
+        let problem = Problem {
+            settings: Settings {
+                stepper: StepperKind::PseudoInverse,
+                model: ModelKind::A,
+                lambda: 10.0,
+                rate_hz: 60.0,
+                clamped: false,
+            },
+            tasks,
+            sets: Vec::new(),
+            islands: 1,
+            seed: 5,
+        };
+        let problem = problem.each_of(problem.tasks.clone());
+        let map = |search: &mut Search, keeper: &Keeper<'_>| {
+            // All of it, as the program does when it goes on.
+            let won = search.end(&problem, 64, keeper).unwrap()?;
+            let own: Vec<Vec<f64>> = won.into_iter().map(|one| one.parameters).collect();
+            learn(search, &problem, &own, None, keeper, &|_, _, _| {}).unwrap()
+        };
+        let began = Instant::now();
+        let mut search = Search::new(&problem);
+        let whole = map(&mut search, &Keeper::default()).unwrap();
+        let took = began.elapsed();
+
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("learning.checkpoint");
+        let checkpoint = Checkpoint::new(file, &problem, "cpu");
+        let mut stops = 0;
+        let found = loop {
+            let mut search = match checkpoint.read() {
+                Kept::Search(search) => *search,
+                _ => Search::new(&problem),
+            };
+            let stop = AtomicBool::new(false);
+            let found = std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(took / 12);
+                    stop.store(true, Ordering::Relaxed);
+                });
+                map(&mut search, &Keeper::new(&stop, Some(&checkpoint)))
+            });
+            match found {
+                Some(found) => break found,
+                None => stops += 1,
+            }
+            assert!(stops < 200, "it comes to no end");
+        };
+        assert!(stops > 3, "{stops}");
+        assert_eq!(found, whole);
+    }
 
     #[test]
     fn a_turned_map_plans_for_a_turned_target_what_the_map_does_for_the_target() {

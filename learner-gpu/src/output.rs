@@ -17,7 +17,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
             .open(path)?
             .write_all(bytes);
     }
-    let mut beside = tempfile::NamedTempFile::new_in(folder(path))?;
+    let mut beside = beside(path)?;
     beside.write_all(bytes)?;
     beside.as_file().sync_all()?;
     // A temporary file is private to its owner; what it becomes is an ordinary file.
@@ -40,10 +40,25 @@ pub fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 pub fn can_replace(path: &Path) -> std::io::Result<()> {
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     match std::fs::metadata(&path) {
-        Ok(there) if there.is_dir() => Err(std::io::ErrorKind::IsADirectory.into()),
+        Ok(there) if there.is_dir() => Err(std::io::Error::new(
+            std::io::ErrorKind::IsADirectory,
+            "there is a folder, expected a file or nothing",
+        )),
         Ok(there) if !there.is_file() => Ok(()),
-        _ => tempfile::NamedTempFile::new_in(folder(&path)).map(|_| ()),
+        _ => beside(&path).map(|_| ()),
     }
+}
+
+/// An empty file beside a place, which goes away again unless it is put there.
+///
+/// # Errors
+/// What the system says: of the place, not of a name that nobody asked for.
+fn beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    tempfile::NamedTempFile::new_in(folder(path)).map_err(|error| {
+        let words = error.to_string();
+        let words = words.split(" at path ").next().unwrap_or_default();
+        std::io::Error::new(error.kind(), words)
+    })
 }
 
 /// The folder that a file is in.

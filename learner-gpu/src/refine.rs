@@ -78,6 +78,22 @@ pub struct Floor {
     pub evaluations: u64,
 }
 
+/// Where strides begin, and what for.
+#[derive(Clone, Debug)]
+pub struct Strides<'a> {
+    /// The set of motions that is scored.
+    pub set: usize,
+    /// Points of the bounds, each with draws of its own.
+    pub starts: &'a [(Vec<f32>, Draws)],
+    /// What scores are in.
+    pub precision: Precision,
+    /// The score that is to be beaten; infinity is no goal.
+    pub goal: f64,
+}
+
+/// The scores that each generation of strides had: with them they are gone over again in no time.
+pub type Tape = Vec<Vec<f64>>;
+
 /// The scores of a problem as landscapes over the parameters, one a set, made ready once for all who look at them.
 pub struct Landscape<'a>(Box<dyn Sets + Sync + 'a>);
 
@@ -116,36 +132,47 @@ impl<'a> Landscape<'a> {
         starts.par_iter().map(descend).collect()
     }
 
-    /// Goes on as [`adapt`] does from points of a set, each with draws of its own, for a goal, on all threads; what comes of
-    /// it is a point and its score. `evaluations` is told how often a motion was synthesised. None where `stop` was set
-    /// meanwhile.
+    /// Goes on as [`adapt`] does, on all threads; what comes of each start is a point and its score. `evaluations` is told how
+    /// often a motion was synthesised. None where `stop` was set meanwhile. Scores that are on a start's tape are not computed
+    /// again, and those that are computed come to be on it.
     pub fn adapt(
         &self,
-        set: usize,
-        starts: &[(Vec<f32>, Draws)],
-        precision: Precision,
-        goal: f64,
+        strides: &Strides<'_>,
+        tapes: &mut Vec<Tape>,
         evaluations: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<(Vec<f32>, f64)>> {
+        let &Strides {
+            set,
+            starts,
+            precision,
+            goal,
+        } = strides;
         // Threads that have no start of their own help the others with their offspring.
         let few = starts.len() < rayon::current_num_threads();
-        let go_on = |(from, draws): &(Vec<f32>, Draws)| {
+        let go_on = |((from, draws), tape): (&(Vec<f32>, Draws), &mut Tape)| {
+            let mut generation = 0;
             let scores = |offspring: &[Vec<f32>]| {
-                if stop.load(Ordering::Relaxed) {
-                    return Err(Stopped);
+                if generation == tape.len() {
+                    if stop.load(Ordering::Relaxed) {
+                        return Err(Stopped);
+                    }
+                    let points: Vec<&[f32]> = offspring.iter().map(Vec::as_slice).collect();
+                    let some = |points: &[&[f32]]| self.0.scores(precision, set, points);
+                    tape.push(match few {
+                        true => points.par_chunks(MOST_LANES).flat_map(some).collect(),
+                        false => some(&points),
+                    });
                 }
+                generation += 1;
                 evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
-                let points: Vec<&[f32]> = offspring.iter().map(Vec::as_slice).collect();
-                let some = |points: &[&[f32]]| self.0.scores(precision, set, points);
-                Ok(match few {
-                    true => points.par_chunks(MOST_LANES).flat_map(some).collect(),
-                    false => some(&points),
-                })
+                tape.get(generation - 1).cloned().ok_or(Stopped)
             };
             adapt(from, draws, goal, scores).ok()
         };
-        starts.par_iter().map(go_on).collect()
+        tapes.resize(starts.len(), Tape::new());
+        let starts = starts.par_iter().zip(tapes);
+        starts.map(go_on).collect()
     }
 
     /// The scores of genes, each on a set of motions.

@@ -348,7 +348,7 @@ fn what_cannot_be_exported_or_played_is_refused_and_says_why() {
     let unwritable = unwritable.to_str().unwrap();
     ends(
         &sinew(&["export", &file, "--format", "json", "--out", unwritable]),
-        1,
+        2,
         &["nowhere"],
     );
 

@@ -13,7 +13,7 @@ use sinew_learn::problem::{ModelKind, StepperKind};
 use sinew_learn::task::{Arm, Task, facing};
 use sinew_learn::{cpu, output, recordings};
 
-use super::{Failure, print, table};
+use super::{Failure, can_be_put, print, table};
 
 /// Measure how fast every place is that a search can run on: scalars, SIMD lanes, GPUs
 ///
@@ -123,8 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let bench = Bench::new(tasks).map_err(Failure::input)?;
     let paths = chosen(&arguments.paths)?;
     if let Some(path) = &arguments.json {
-        output::can_replace(path)
-            .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
+        can_be_put(path)?;
     }
 
     let stop = super::search::stop()?;

@@ -19,7 +19,7 @@ use sinew_learn::task::Task;
 
 use super::search::{
     self, Options, Steering, backend, can_be_written, computed_by, named, steps, stopped,
-    synergies, taken_up, warn,
+    synergies, taken_up,
 };
 use super::{Failure, print, table};
 
@@ -145,7 +145,7 @@ fn models(arguments: &Models) -> Result<ExitCode, Failure> {
         tasks.len(),
         comparison(&rows)
     ))?;
-    out.end(learned.len())
+    out.end()
 }
 
 fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
@@ -182,7 +182,7 @@ fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
         tasks.len(),
         comparison(&rows)
     ))?;
-    out.end(learned.len())
+    out.end()
 }
 
 fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
@@ -209,7 +209,7 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
         name(stepper),
         bells(&tasks, &curves)
     ))?;
-    out.end(learned.len())
+    out.end()
 }
 
 fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
@@ -229,18 +229,18 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
         search = taken_up(checkpoint, search);
     }
     let keeper = Keeper::new(&stop, checkpoint.as_ref());
+    let tell = steps("learning from");
     let rows = map::transfer(
         &mut search,
         &problem,
         (&known, arguments.most),
         options.generations,
-        &keeper,
-        &steps("learning from"),
+        &keeper.telling(&tell),
+        &tell,
     );
     let Some(rows) = rows.map_err(Failure::run)? else {
         return stopped(&search, &keeper, checkpoint.as_ref());
     };
-    warn(&keeper);
     out.transfer(&settings, &rows)?;
     let headings = [
         "reaches",
@@ -262,7 +262,7 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
         arguments.known.display(),
         table(&cells)
     ))?;
-    out.end(1)
+    out.end()
 }
 
 /// What a table of nested models says in words.
@@ -280,6 +280,9 @@ impl Learned {
         motions.map(|motion| motion.distance_cm).collect()
     }
 }
+
+/// The most searches of a plan: S_A and S_C, with every inverse kinematics.
+const MOST_SEARCHES: usize = 2 * StepperKind::ALL.len();
 
 /// How the searches of a plan ended.
 enum Searched {
@@ -334,7 +337,6 @@ fn searches(
             let code = stopped(&search, &keeper, checkpoint.as_ref())?;
             return Ok(Searched::Stopped(code));
         }
-        warn(&keeper);
         // The CPU may have taken over.
         let (backend_name, device) = named(&backend);
         let synergies = synergies(&problem, &search, &winners, backend_name, device)?;
@@ -720,10 +722,10 @@ impl<'a> Out<'a> {
             .map_err(|error| Failure::run(format!("{}: {error}", path.display())))
     }
 
-    /// Removes what was kept of so many searches, and says where the files are: the end of the command.
-    fn end(&self, searches: usize) -> Result<ExitCode, Failure> {
-        for kept in (1..=searches).filter_map(|number| self.kept(number)) {
-            // Where it could not be written there is nothing to remove.
+    /// Removes what was kept of the searches, and says where the files are: the end of the command.
+    fn end(&self) -> Result<ExitCode, Failure> {
+        // Those of an earlier plan, which had more, go too; where one could not be written there is nothing to remove.
+        for kept in (1..=MOST_SEARCHES).filter_map(|number| self.kept(number)) {
             let _ = std::fs::remove_file(kept);
         }
         if let Some(folder) = self.folder {

@@ -8,7 +8,7 @@ use sinew_learn::export::{Format, export};
 use sinew_learn::output;
 use sinew_learn::synergies::Synergies;
 
-use super::{Failure, choose};
+use super::{Failure, can_be_put, choose};
 
 /// Write a learned synergy, with its chain and the file's map, as an arm controller takes it
 ///
@@ -31,6 +31,9 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if let Some(path) = &arguments.out {
+        can_be_put(path)?;
+    }
     let synergies = Synergies::read(&arguments.file).map_err(Failure::input)?;
     let motion = choose(
         &synergies,
@@ -58,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             match out.write_all(&bytes).and_then(|()| out.flush()) {
                 // A reader that goes away (`| head`) is no failure.
                 Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                    return Err(Failure::run(error));
+                    return Err(Failure::run(format!("standard output: {error}")));
                 }
                 _ => {}
             }

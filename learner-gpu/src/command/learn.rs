@@ -12,7 +12,7 @@ use sinew_learn::synergies::Synergies;
 
 use super::search::{
     self, Options, Steering, backend, can_be_written, computed_by, named, steps, stopped,
-    synergies, taken_up, warn,
+    synergies, taken_up,
 };
 use super::{Failure, print, table};
 
@@ -79,22 +79,24 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let motions = synergies.motions.iter();
         let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();
         let tell = steps("map");
+        let keeper = keeper.telling(&tell);
         let map = map::learn(&mut search, &problem, &own, known.as_ref(), &keeper, &tell);
         synergies.map = map.map_err(Failure::run)?;
         if synergies.map.is_none() {
             return stopped(&search, &keeper, Some(&checkpoint));
         }
     }
-    warn(&keeper);
+    // What there is no room for now may have some later.
+    keeper.keep(&search);
+    print(&report(&synergies, ended))?;
+    if let Some(map) = &synergies.map {
+        print(&trials(map))?;
+    }
     let path = arguments.out.join("synergies.json");
     synergies
         .write(&path)
         .map_err(|error| Failure::run(format!("{}: {error}", path.display())))?;
     checkpoint.remove();
-    print(&report(&synergies, ended))?;
-    if let Some(map) = &synergies.map {
-        print(&trials(map))?;
-    }
     print(&format!("written to {}\n", path.display()))?;
     Ok(ExitCode::SUCCESS)
 }

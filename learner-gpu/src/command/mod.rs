@@ -16,8 +16,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sinew_learn::motion::Point;
-use sinew_learn::predict;
 use sinew_learn::synergies::{LearnedMotion, Synergies};
+use sinew_learn::{output, predict};
 
 /// Why a command did not do what it was asked.
 pub enum Failure {
@@ -67,9 +67,17 @@ pub(crate) use tell;
 /// Prints to standard output. A reader that goes away (`| head`) is no failure.
 pub fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::run(error)),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::run(format!("standard output: {error}")))
+        }
         _ => Ok(()),
     }
+}
+
+/// Whether a result can be put in a file, asked before the work that it is to hold.
+pub fn can_be_put(path: &Path) -> Result<(), Failure> {
+    output::can_replace(path)
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
 /// A table: a left-aligned first column, the others aligned right.

@@ -10,7 +10,7 @@ use sinew_learn::play::{PlayError, Port, csv, faults};
 use sinew_learn::synergies::Synergies;
 use sinew_protocol::{Faults, Mode, Report, Request};
 
-use super::{Failure, choose, print, trust, usual};
+use super::{Failure, can_be_put, choose, print, trust, usual};
 
 /// Play a reach on an arm controller and show its telemetry
 ///
@@ -60,8 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         error => Failure::run(error),
     };
     if let Some(path) = &arguments.csv {
-        output::can_replace(path)
-            .map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        can_be_put(path)?;
     }
     let stop = super::search::stop()?;
     let mut port = Port::open(&arguments.port)

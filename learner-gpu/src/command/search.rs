@@ -22,7 +22,7 @@ use sinew_learn::synergies::{LearnedMotion, LimitsKind, Synergies, VERSION};
 use sinew_learn::task::{Arm, Task, facing};
 use sinew_learn::{choice, cpu, urdf};
 
-use super::Failure;
+use super::{Failure, can_be_put};
 
 /// The options of every command that learns.
 #[derive(clap::Args)]
@@ -188,7 +188,7 @@ impl Options {
 pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> {
     let wrong = |words: String| Failure::Input(format!("{}: {words}", file.display()));
     let known = Synergies::read(file).map_err(Failure::input)?;
-    let Settings { stepper, model, .. } = problem.settings;
+    let model = problem.settings.model;
     let task = problem.tasks.first();
     let way = |chain: &ChainDescription| {
         let [x, y, z, w] = chain
@@ -209,16 +209,20 @@ pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> 
                 ..problem.settings
             }
     };
-    if !known.motions.iter().all(same) {
+    let kind = |settings: &Settings| {
+        format!(
+            "{:?}, λ {}, {} Hz, {}",
+            settings.stepper,
+            settings.lambda,
+            settings.rate_hz,
+            if settings.clamped { "clamped" } else { "free" },
+        )
+    };
+    if let Some(other) = known.motions.iter().find(|motion| !same(motion)) {
         return Err(wrong(format!(
-            "it is not of the same kind: expected {stepper:?}, λ {}, {} Hz, {}",
-            problem.settings.lambda,
-            problem.settings.rate_hz,
-            if problem.settings.clamped {
-                "clamped"
-            } else {
-                "free"
-            },
+            "it is not of the same kind: found {}, expected {}",
+            kind(&known.settings(other)),
+            kind(&problem.settings),
         )));
     }
     let map = known
@@ -249,14 +253,10 @@ pub fn known_map(file: &Path, problem: &Problem) -> Result<LearnedMap, Failure> 
 pub fn can_be_written(folder: &Path, files: &[&str]) -> Result<(), Failure> {
     let wrong = |error| Failure::input(format!("{}: {error}", folder.display()));
     std::fs::create_dir_all(folder).map_err(wrong)?;
-    tempfile::NamedTempFile::new_in(folder).map_err(wrong)?;
-    match files.iter().find(|file| folder.join(file).is_dir()) {
-        Some(file) => Err(Failure::Input(format!(
-            "{}: {file} in it is a folder",
-            folder.display()
-        ))),
-        None => Ok(()),
+    for file in files {
+        can_be_put(&folder.join(file))?;
     }
+    Ok(())
 }
 
 /// The backend, and why it is this one, where that is not plain.
@@ -347,19 +347,12 @@ pub fn stopped(
     Ok(ExitCode::from(130))
 }
 
-/// Says so where the search that a result is from could not be kept when that was last tried.
-pub fn warn(keeper: &Keeper<'_>) {
-    if let Some(error) = keeper.unkept() {
-        super::tell!("what there was could not be kept meanwhile: {error}");
-    }
-}
-
 /// Shows how a map is made: every step, and every few seconds how far it is.
 pub fn steps(of: &str) -> impl Fn(&str, usize, usize) + Sync {
     let last = Mutex::new((String::new(), Instant::now()));
     move |words, done, count| {
         let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_new = last.0 != words;
+        let is_new = last.0 != words || count == 0;
         if is_new || last.1.elapsed() > EVERY {
             *last = (words.to_owned(), Instant::now());
             match is_new {
@@ -404,6 +397,8 @@ pub fn run(
     keeper: &Keeper<'_>,
 ) -> Result<Option<(Ended, Vec<Winner>)>, Failure> {
     let bar = Bar::new(generations);
+    let told = |words: &str, done, count| bar.part(words, done, count);
+    let keeper = &keeper.telling(&told);
     let ended = search.run(problem, backend, generations, keeper, |told| match told {
         Ok(progress) => bar.show(&progress),
         Err(words) => bar.say(&words),
@@ -513,6 +508,17 @@ impl Bar {
         self.tell(&distances, || {
             format!("generation {generation}/{}: {distances}", self.generations)
         });
+    }
+
+    /// Of a part of the work so much is done.
+    fn part(&self, words: &str, done: usize, count: usize) {
+        match count {
+            0 => self.say(words),
+            _ => {
+                let words = format!("{words}: {done}/{count}");
+                self.tell(&words, || words.clone());
+            }
+        }
     }
 
     /// Of so many sets of motions so many are done with strides in this turn.

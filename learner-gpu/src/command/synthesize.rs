@@ -7,7 +7,7 @@ use sinew_learn::output;
 use sinew_learn::synergies::Synergies;
 use sinew_learn::synthesis::{Synthesis, synthesize};
 
-use super::{Failure, planned, print};
+use super::{Failure, can_be_put, planned, print};
 
 /// Synthesise a reach to a new target with learned synergies, and write it as CSV
 ///
@@ -45,6 +45,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             "--seconds makes {frames} frames, expected 2 to 1000000"
         )));
     }
+    can_be_put(&arguments.csv)?;
     let (motion, from) = planned(
         &synergies,
         &arguments.file,

@@ -1,7 +1,9 @@
 //! An open device: its queue, what it complained of, and the way back to the host.
 
+use std::cell::Cell;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::time::Duration;
 
 use wgpu::{
@@ -23,6 +25,29 @@ pub(super) const PART: usize = 1 << 20;
 struct Complaints {
     lost: Option<String>,
     refused: Option<String>,
+}
+
+thread_local! {
+    /// Whether this thread's panics are no news.
+    static QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Waits for a device: where its driver says meanwhile that it is lost, wgpu panics. That is an error here, and nothing that
+/// is to be printed; what panicked is not used again.
+fn quietly<R>(wait: impl FnOnce() -> R) -> std::thread::Result<R> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let others = take_hook();
+        set_hook(Box::new(move |panic| {
+            if !QUIET.get() {
+                others(panic);
+            }
+        }));
+    });
+    QUIET.set(true);
+    let waited = catch_unwind(AssertUnwindSafe(wait));
+    QUIET.set(false);
+    waited
 }
 
 /// An open device.
@@ -106,16 +131,26 @@ impl Device {
     /// # Errors
     /// The device is lost, or complained.
     pub fn wait(&self) -> Result<(), GpuError> {
-        match self.device.poll(PollType::Wait {
+        let until_done = PollType::Wait {
             submission_index: None,
             timeout: Some(PATIENCE),
-        }) {
-            Ok(_) => self.check(),
-            Err(PollError::Timeout) => Err(GpuError::Lost(format!(
-                "it did not answer for {} seconds",
-                PATIENCE.as_secs()
-            ))),
-            Err(error) => Err(GpuError::Lost(error.to_string())),
+        };
+        match quietly(|| self.device.poll(until_done)) {
+            Ok(Ok(_)) => self.check(),
+            Ok(Err(PollError::Timeout)) => {
+                // Whoever lets go of the last handle waits once more, and for ever.
+                std::mem::forget((self.device.clone(), self.queue.clone()));
+                let seconds = PATIENCE.as_secs();
+                let words = format!("it did not answer for {seconds} seconds");
+                Err(GpuError::Lost(words))
+            }
+            Ok(Err(error)) => Err(GpuError::Lost(error.to_string())),
+            Err(panic) => {
+                let words = panic.downcast_ref::<String>().map(String::as_str);
+                let words = words.or_else(|| panic.downcast_ref::<&str>().copied());
+                let words = words.unwrap_or("while waiting").split_whitespace();
+                Err(GpuError::Lost(words.collect::<Vec<_>>().join(" ")))
+            }
         }
     }
 
@@ -178,5 +213,18 @@ impl Device {
         drop(view);
         copy.unmap();
         Ok(words)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quietly;
+
+    #[test]
+    fn a_panic_while_waiting_is_an_error_and_others_are_not() {
+        assert_eq!(quietly(|| 3).ok(), Some(3));
+        let lost = quietly(|| panic!("lost")).unwrap_err();
+        assert_eq!(lost.downcast_ref::<&str>(), Some(&"lost"));
+        assert_eq!(quietly(|| 4).ok(), Some(4));
     }
 }

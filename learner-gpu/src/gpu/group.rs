@@ -185,9 +185,15 @@ impl Group {
     ///
     /// # Errors
     /// The device is lost.
-    pub fn read(&self, device: &Device, genes: usize, at: usize) -> Result<Vec<Island>, GpuError> {
+    pub fn read(
+        &self,
+        device: &Device,
+        genes: usize,
+        at: usize,
+        generation: u32,
+    ) -> Result<Vec<Island>, GpuError> {
         let each = words_an_island(genes);
-        let summaries = device.read(&self.summaries)?;
+        let summaries = self.whole_summaries(device, genes, generation)?;
         let summaries: Vec<&[u32]> = summaries.chunks_exact(words_a_summary(genes)).collect();
         let mut islands = Vec::with_capacity(self.islands.len());
         for some in summaries[..self.islands.len()].chunks((PART / each).max(1)) {
@@ -203,13 +209,37 @@ impl Group {
     ///
     /// # Errors
     /// The device is lost.
-    pub fn summaries(&self, device: &Device, genes: usize) -> Result<Vec<(f32, f32)>, GpuError> {
-        let words = device.read(&self.summaries)?;
+    pub fn summaries(
+        &self,
+        device: &Device,
+        genes: usize,
+        generation: u32,
+    ) -> Result<Vec<(f32, f32)>, GpuError> {
+        let words = self.whole_summaries(device, genes, generation)?;
         let each = words.chunks_exact(words_a_summary(genes));
         Ok(each
             .take(self.islands.len())
             .map(|words| (f32::from_bits(words[0]), f32::from_bits(words[1])))
             .collect())
+    }
+
+    /// The islands' summaries, if they are those with which this generation begins: not every driver says so when it has
+    /// given up.
+    fn whole_summaries(
+        &self,
+        device: &Device,
+        genes: usize,
+        generation: u32,
+    ) -> Result<Vec<u32>, GpuError> {
+        let words = device.read(&self.summaries)?;
+        let each = words.chunks_exact(words_a_summary(genes));
+        let mut each = each.take(self.islands.len());
+        match each.find(|summary| summary[3] >> BEST_BITS != generation) {
+            Some(_) => Err(GpuError::Lost(format!(
+                "not all islands have come to generation {generation}"
+            ))),
+            None => Ok(words),
+        }
     }
 
     /// The scores that `score_members` wrote into the buffer that the population, in the one of number `at`, is not in:
@@ -305,12 +335,16 @@ fn gather(
     Ok((contents, islands.len()))
 }
 
+/// Bits of the best member's number in its island, in `anneal.wgsl`; above them is the generation.
+const BEST_BITS: u32 = ISLAND.ilog2();
+
 /// Words of a `Members` in `anneal.wgsl`.
 fn words_an_island(genes: usize) -> usize {
     genes.next_multiple_of(4) * ISLAND + ISLAND
 }
 
-/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member, genes of the best ever.
+/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member and generation, genes of
+/// the best ever.
 fn words_a_summary(genes: usize) -> usize {
     4 + genes.next_multiple_of(4)
 }

@@ -1,12 +1,13 @@
 //! The compiled kernel and how it is run.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use wgpu::{
     BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType,
     BufferBindingType, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    ComputePipelineDescriptor, PipelineCompilationOptions, PipelineLayoutDescriptor,
-    ShaderModuleDescriptor, ShaderSource, ShaderStages,
+    ComputePipelineDescriptor, PipelineCompilationOptions, PipelineLayout,
+    PipelineLayoutDescriptor, ShaderModule, ShaderModuleDescriptor, ShaderSource, ShaderStages,
 };
 
 use super::device::Device;
@@ -53,9 +54,12 @@ pub(super) struct Part {
 /// The kernel for one problem.
 pub(super) struct Kernel {
     pub layout: BindGroupLayout,
+    module: ShaderModule,
+    pipelines: PipelineLayout,
     attempt: ComputePipeline,
     settle: ComputePipeline,
-    score: ComputePipeline,
+    /// Compiled when it is asked for, which a search never does.
+    score: OnceCell<ComputePipeline>,
     /// Whether `data` is a uniform buffer.
     pub window: bool,
     seed: u64,
@@ -92,25 +96,17 @@ impl Kernel {
                 bind_group_layouts: &[Some(&layout)],
                 ..PipelineLayoutDescriptor::default()
             });
-        let [attempt, settle, score] = ["attempt", "settle", "score_members"].map(|entry| {
-            device
-                .device
-                .create_compute_pipeline(&ComputePipelineDescriptor {
-                    label: Some(entry),
-                    layout: Some(&pipelines),
-                    module: &module,
-                    entry_point: Some(entry),
-                    compilation_options: PipelineCompilationOptions::default(),
-                    cache: None,
-                })
-        });
+        let [attempt, settle] =
+            ["attempt", "settle"].map(|entry| pipeline(device, &module, &pipelines, entry));
         device.check()?;
         let dt = problem.settings.dt() as f32;
         Ok(Kernel {
             layout,
+            module,
+            pipelines,
             attempt,
             settle,
-            score,
+            score: OnceCell::new(),
             window,
             seed: problem.seed,
             gain: problem.settings.lambda as f32 * dt,
@@ -121,6 +117,11 @@ impl Kernel {
                 .max_compute_workgroups_per_dimension
                 .max(1),
         })
+    }
+
+    fn score(&self, device: &Device) -> &ComputePipeline {
+        let compiled = || pipeline(device, &self.module, &self.pipelines, "score_members");
+        self.score.get_or_init(compiled)
     }
 
     /// Runs these steps on a part of a group, for each generation in turn, and waits.
@@ -169,7 +170,7 @@ impl Kernel {
                     let (pipeline, workgroups) = match step {
                         Step::Attempt => (&self.attempt, count),
                         Step::Settle => (&self.settle, count.div_ceil(ISLAND as u32)),
-                        Step::Score => (&self.score, count),
+                        Step::Score => (self.score(device), count),
                     };
                     pass.set_pipeline(pipeline);
                     pass.dispatch_workgroups(
@@ -183,6 +184,25 @@ impl Kernel {
         device.queue.submit([encoder.finish()]);
         device.wait()
     }
+}
+
+/// An entry point, compiled.
+fn pipeline(
+    device: &Device,
+    module: &ShaderModule,
+    layout: &PipelineLayout,
+    entry: &str,
+) -> ComputePipeline {
+    device
+        .device
+        .create_compute_pipeline(&ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: Some(layout),
+            module,
+            entry_point: Some(entry),
+            compilation_options: PipelineCompilationOptions::default(),
+            cache: None,
+        })
 }
 
 /// The bindings of `anneal.wgsl` and the pieces it is composed with.

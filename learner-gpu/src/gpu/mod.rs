@@ -40,6 +40,8 @@ pub struct Gpu {
     groups: Vec<Group>,
     /// Which of its two buffers each group's population is in.
     at: usize,
+    /// The generation that the population is to begin.
+    generation: u32,
     genes: usize,
     /// No buffer is larger, bytes.
     limit: u64,
@@ -88,6 +90,7 @@ impl Gpu {
             kernel,
             groups: Vec::new(),
             at: 0,
+            generation: 0,
             genes: problem.genes(),
             limit,
             pace: Pace::new(),
@@ -150,6 +153,7 @@ impl Gpu {
             self.run(group, part, &[Step::Settle])?;
         }
         self.at = 0;
+        self.generation = 1;
         Ok(())
     }
 
@@ -182,6 +186,7 @@ impl Gpu {
             let next = to.min(at.saturating_add(generations));
             self.everywhere(at..next, &[Step::Attempt, Step::Settle])?;
             self.at = (self.at + (next - at) as usize) % 2;
+            self.generation = next;
             at = next;
         }
         Ok(at)
@@ -192,7 +197,7 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn islands(&mut self) -> Result<Vec<Island>, GpuError> {
-        self.gathered(|group| group.read(&self.device, self.genes, self.at))
+        self.gathered(|group| group.read(&self.device, self.genes, self.at, self.generation))
     }
 
     /// Of each island, the best score ever and the members' mean score, metres: less to read back than
@@ -201,7 +206,7 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn summary(&mut self) -> Result<Vec<(f32, f32)>, GpuError> {
-        self.gathered(|group| group.summaries(&self.device, self.genes))
+        self.gathered(|group| group.summaries(&self.device, self.genes, self.generation))
     }
 
     /// Scores the members as they are, and changes nothing: of each island, its members' scores in metres.
@@ -219,12 +224,14 @@ impl Gpu {
         for group in &self.groups {
             let mut first = 0;
             while let Some(left) = group.ticks.get(first..).filter(|left| !left.is_empty()) {
-                let count = self.pace.islands(left, generations.len() as u32);
+                // Many islands before many motions: these come one after the other in a thread.
+                let deep = generations.len() as u64 * self.longest;
+                let count = self.pace.islands(left.len(), deep * ISLAND as u64);
                 let islands = first..first + count;
                 first += count;
                 let ticks: u64 = left.iter().take(count).sum();
-                let a_motion = self.longest * (count * ISLAND) as u64;
-                let at_once = self.most_motions.min(self.pace.motions(a_motion));
+                let at_once = self.pace.motions(self.longest, (count * ISLAND) as u64);
+                let at_once = at_once.min(self.most_motions);
                 let all = Part {
                     islands,
                     generations: generations.clone(),
@@ -234,8 +241,9 @@ impl Gpu {
                 if at_once >= group.most_motions {
                     let began = Instant::now();
                     self.run(group, all, steps)?;
-                    self.pace
-                        .measured(ticks * generations.len() as u64, began.elapsed());
+                    let ran = ticks * generations.len() as u64;
+                    let deep = deep * u64::from(group.most_motions);
+                    self.pace.measured(ran, deep, began.elapsed());
                     continue;
                 }
                 for (turn, generation) in generations.clone().enumerate() {
@@ -255,7 +263,8 @@ impl Gpu {
                         let began = Instant::now();
                         self.run(group, part, steps)?;
                         let share = u64::from(end - begin) * ticks / u64::from(group.most_motions);
-                        self.pace.measured(share, began.elapsed());
+                        let deep = u64::from(end - begin) * self.longest;
+                        self.pace.measured(share, deep, began.elapsed());
                     }
                 }
             }

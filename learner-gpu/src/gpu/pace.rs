@@ -9,16 +9,24 @@ const AIM: f64 = 0.04;
 /// Nothing is known yet: little enough for a slow device.
 const FIRST: f64 = 400_000.0;
 
+/// And this many ticks one after the other, of one thread.
+const FIRST_DEEP: f64 = 4_000.0;
+
 /// A device's speed as seen so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pace {
-    /// Ticks of a dispatch as long as it is meant to be.
+    /// Ticks of a dispatch as long as it is meant to be: what a device that is full computes.
     ticks: f64,
+    /// Ticks of one of its threads: on a device that is not full they decide how long it takes.
+    deep: f64,
 }
 
 impl Pace {
     pub fn new() -> Self {
-        Pace { ticks: FIRST }
+        Pace {
+            ticks: FIRST,
+            deep: FIRST_DEEP,
+        }
     }
 
     /// Dispatches of so many ticks, to begin with.
@@ -26,6 +34,7 @@ impl Pace {
     pub fn fixed(ticks: u64) -> Self {
         Pace {
             ticks: ticks as f64,
+            ..Pace::new()
         }
     }
 
@@ -34,25 +43,27 @@ impl Pace {
         (self.ticks / ticks.max(1) as f64).clamp(1.0, 10_000.0) as u32
     }
 
-    /// How many islands, from the beginning of this list of their ticks, to run at once: at least one.
-    pub fn islands(&self, ticks: &[u64], generations: u32) -> usize {
-        let mut left = self.ticks / f64::from(generations.max(1));
-        let fit = ticks.iter().take_while(|&&ticks| {
-            left -= ticks as f64;
-            left >= 0.0
-        });
-        fit.count().clamp(1, ticks.len().max(1))
+    /// How many islands of so many to run at once, where one motion of each takes so many ticks at most: at least one.
+    pub fn islands(&self, count: usize, ticks: u64) -> usize {
+        let fit = self.ticks / ticks.max(1) as f64;
+        (fit as usize).clamp(1, count.max(1))
     }
 
-    /// How many motions of a set to score at once, where one of all islands at hand takes so many ticks: at least one.
-    pub fn motions(&self, ticks: u64) -> u32 {
-        self.generations(ticks)
+    /// How many motions of a set to score at once, where one takes so many frames and there are so many threads: at least
+    /// one.
+    pub fn motions(&self, frames: u64, threads: u64) -> u32 {
+        let frames = frames.max(1) as f64;
+        let fit = (self.ticks / (frames * threads.max(1) as f64)).min(self.deep / frames);
+        fit.clamp(1.0, 1e9) as u32
     }
 
-    /// Learns from a dispatch. The pace rises step by step: a small dispatch says little of a large one.
-    pub fn measured(&mut self, ticks: u64, took: Duration) {
-        let full = ticks as f64 * AIM / took.as_secs_f64().max(1e-5);
-        self.ticks = full.clamp(self.ticks / 4.0, self.ticks * 4.0);
+    /// Learns from a dispatch, of so many ticks, of which one thread had so many. The pace rises step by step: a small
+    /// dispatch says little of a large one.
+    pub fn measured(&mut self, ticks: u64, deep: u64, took: Duration) {
+        let full = AIM / took.as_secs_f64().max(1e-5);
+        let learned = |now: f64, ran: u64| (ran as f64 * full).clamp(now / 4.0, now * 4.0);
+        self.ticks = learned(self.ticks, ticks);
+        self.deep = learned(self.deep, deep);
     }
 }
 
@@ -67,17 +78,35 @@ mod tests {
         let mut ran = 0;
         for _dispatch in 0..20 {
             ran = u64::from(pace.generations(1_000)) * 1_000;
-            pace.measured(ran, Duration::from_secs_f64(ran as f64 / 10e6));
+            pace.measured(ran, ran, Duration::from_secs_f64(ran as f64 / 10e6));
         }
         assert!((380_000..=400_000).contains(&ran), "{ran}");
     }
 
     #[test]
-    fn a_generation_too_long_for_one_dispatch_is_split_by_islands() {
+    fn a_generation_too_long_for_one_dispatch_is_split_by_islands_and_then_by_motions() {
         let pace = Pace::new();
-        let islands = [150_000; 10];
-        assert_eq!(pace.generations(islands.iter().sum()), 1);
-        assert_eq!(pace.islands(&islands, 1), 2);
-        assert_eq!(pace.islands(&[1_000_000], 1), 1);
+        assert_eq!(pace.generations(1_500_000), 1);
+        assert_eq!(pace.islands(10, 150_000), 2);
+        assert_eq!(pace.islands(1, 1_000_000), 1);
+        // 128 threads, 50 frames a motion.
+        assert_eq!(pace.motions(50, 128), 62);
+    }
+
+    #[test]
+    fn few_threads_run_no_longer_than_a_dispatch_is_meant_to() {
+        // A device that is never full: only how deep it goes counts, 10 µs a tick.
+        let mut pace = Pace::new();
+        let mut deep = 0;
+        for _dispatch in 0..20 {
+            deep = u64::from(pace.motions(50, 64)) * 50;
+            pace.measured(deep * 64, deep, Duration::from_secs_f64(deep as f64 * 1e-5));
+        }
+        assert_eq!(deep, 4_000);
+        // Wide ones that came before do not let a narrow one go deeper.
+        for _dispatch in 0..20 {
+            pace.measured(1_000_000_000, 100, Duration::from_secs_f64(1e-3));
+        }
+        assert_eq!(pace.motions(50, 64) * 50, 4_000);
     }
 }

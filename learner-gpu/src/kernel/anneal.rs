@@ -148,6 +148,9 @@ impl<S: Instructions, const N: usize> Place<'_, S, N> {
     }
 }
 
+/// The least temperature: where all scores are alike, rounding may put their mean below the least of them.
+const COLDEST: f32 = 1e-20;
+
 /// The member with the least score, and the temperature: the mean less the least, over the number of parameters.
 fn spread(scores: &[f32], genes: usize) -> (usize, f32) {
     let (mut best, mut least, mut sum) = (0, UNSCORED, 0.0);
@@ -157,5 +160,6 @@ fn spread(scores: &[f32], genes: usize) -> (usize, f32) {
             (best, least) = (member, score);
         }
     }
-    (best, (sum / ISLAND as f32 - least) / genes as f32)
+    let temperature = (sum / ISLAND as f32 - least) / genes as f32;
+    (best, temperature.max(COLDEST))
 }

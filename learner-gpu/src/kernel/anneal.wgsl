@@ -7,6 +7,10 @@
 
 /// The score of a member that has none yet.
 const UNSCORED = 1e30;
+/// The least temperature: where all scores are alike, rounding may put their mean below the least of them.
+const COLDEST = 1e-20;
+/// Bits that a member's number in its island takes.
+const BEST_BITS = ${island_bits}u;
 
 /// What a dispatch is to do.
 struct Run {
@@ -51,7 +55,8 @@ struct Summary {
     /// The members' mean score.
     mean: f32,
     temperature: f32,
-    /// The member with the least score.
+    /// The member with the least score, and above its bits which generation this is: a driver that says that it has run
+    /// what it has not is found out.
     best: u32,
     /// The genes of the best ever.
     best_genes: Genes,
@@ -119,7 +124,7 @@ fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     } else if run.generation == 0u {
         genes = first(draws);
     } else {
-        genes = propose(draws, own, which, me, summaries[which].best);
+        genes = propose(draws, own, which, me, summaries[which].best & ((1u << BEST_BITS) - 1u));
     }
     var new_score = score(place, genes, before);
     let current = members[which].scores[me];
@@ -157,8 +162,8 @@ fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     }
     let mean = sum / f32(ISLAND);
     summaries[which].mean = mean;
-    summaries[which].temperature = (mean - least_score) / ${genes}.0;
-    summaries[which].best = best;
+    summaries[which].temperature = max((mean - least_score) / ${genes}.0, COLDEST);
+    summaries[which].best = best | (run.generation + 1u) << BEST_BITS;
     // Better than all before is none but what was accepted just now.
     if least_score < summaries[which].best_score {
         summaries[which].best_score = least_score;

@@ -452,6 +452,7 @@ fn render(
     templates.set_keep_trailing_newline(true);
     let about = context! {
         island => ISLAND,
+        island_bits => ISLAND.ilog2(),
         window,
         gene_fours => structure.gene_fours(),
         gene => GENE,
