@@ -36,7 +36,7 @@ fn distances(problem: &Problem, backend: &mut Backend, generations: u32) -> Vec<
         .run(problem, backend, generations, &keeper, |_| {})
         .unwrap();
     let seconds = began.elapsed().as_secs_f64();
-    let winners = search.winners(problem, &keeper, |_, _| {});
+    let winners = search.winners(problem, &keeper);
     let winners = winners.unwrap().unwrap();
     let distances: Vec<f64> = winners
         .iter()

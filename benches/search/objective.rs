@@ -108,7 +108,7 @@ fn rounds(search: &mut Search, problem: &Problem, most: u32) -> Result<(), Failu
 
 /// What has won after rounds that have run.
 fn winners(search: &mut Search, problem: &Problem) -> Result<Vec<Winner>, Failure> {
-    let winners = search.winners(problem, &Keeper::default(), |_, _| {})?;
+    let winners = search.winners(problem, &Keeper::default())?;
     winners.ok_or("stopped".into())
 }
 

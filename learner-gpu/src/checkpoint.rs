@@ -168,12 +168,12 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// Who hears how a part of the work goes, on any thread: how many of its pieces are done.
-    pub(crate) fn hears(&self, part: &str, count: usize) -> impl Fn(usize) + Sync + use<'a> {
-        let (told, part) = (self.told, part.to_owned());
-        move |done| {
+    /// Who hears the same as this one's, after some words.
+    pub(crate) fn after(&self, words: &str) -> impl Fn(&str, usize, usize) + Sync + use<'a> {
+        let (told, words) = (self.told, words.to_owned());
+        move |part, done, count| {
             if let Some(told) = told {
-                told(&part, done, count);
+                told(&format!("{words}: {part}"), done, count);
             }
         }
     }
@@ -201,11 +201,8 @@ impl<'a> Keeper<'a> {
             let before = self.unkept.borrow().is_some();
             let unkept = keep(search).err();
             if let (Some(error), false, Some(told)) = (&unkept, before, told) {
-                told(
-                    &format!("{error}: going on, but a stop would lose it"),
-                    0,
-                    0,
-                );
+                let words = format!("{error}: going on, but a stop would lose it");
+                told(&words, 0, 0);
             }
             *self.unkept.borrow_mut() = unkept;
             self.kept.set(Instant::now());
@@ -246,8 +243,9 @@ impl Search {
         }
     }
 
-    /// What comes of each of so many pieces of the work, on all threads: those that were done before are not done again.
-    /// None where it was told to stop; only then may a piece be none. `tell` hears how many are done.
+    /// What comes of each of so many pieces of a part of the work, on all threads: those that were done before are not done
+    /// again. None where it was told to stop; only then may a piece be none. Whoever hears how it goes is told the part, in
+    /// words, and how many of its pieces are done.
     ///
     /// # Errors
     /// Those of the pieces.
@@ -256,12 +254,9 @@ impl Search {
         keeper: &Keeper<'_>,
         part: &str,
         count: usize,
-        tell: impl Fn(usize) + Sync,
         piece: impl Fn(usize) -> Result<Option<T>, LearnError> + Sync,
     ) -> Result<Option<Vec<T>>, LearnError> {
-        self.long_pieces(keeper, part, count, tell, |number, (): &mut ()| {
-            piece(number)
-        })
+        self.long_pieces(keeper, part, count, |number, (): &mut ()| piece(number))
     }
 
     /// The same of pieces that take so long that what is begun of one is kept, too, where it was told to stop.
@@ -270,13 +265,14 @@ impl Search {
         keeper: &Keeper<'_>,
         part: &str,
         count: usize,
-        tell: impl Fn(usize) + Sync,
         piece: impl Fn(usize, &mut B) -> Result<Option<T>, LearnError> + Sync,
     ) -> Result<Option<Vec<T>>, LearnError>
     where
         T: Serialize + DeserializeOwned,
         B: Serialize + DeserializeOwned + Default,
     {
+        let told = keeper.told;
+        let tell = |done| told.map_or((), |told| told(part, done, count));
         loop {
             let is_due = keeper.is_due();
             let pieces = self.journal.parts.entry(part.to_owned()).or_default();
@@ -381,8 +377,12 @@ mod tests {
             let stop = AtomicBool::new(false);
             let keeper = Keeper::new(&stop, None);
             let so_far = done.load(Ordering::Relaxed);
-            let tell = |count| stop.store(count >= so_far + 5, Ordering::Relaxed);
-            found = search.pieces(&keeper, "squares", 40, tell, square).unwrap();
+            let told = |part: &str, count, of| {
+                assert_eq!((part, of), ("squares", 40));
+                stop.store(count >= so_far + 5, Ordering::Relaxed);
+            };
+            let keeper = keeper.telling(&told);
+            found = search.pieces(&keeper, "squares", 40, square).unwrap();
             stops += usize::from(found.is_none());
         }
         assert_eq!(found, Some((0..40).map(|k| k * k).collect()));
@@ -392,7 +392,7 @@ mod tests {
         // They are there as long as the work is the same.
         let keeper = Keeper::default();
         let again = |search: &mut Search| {
-            let found = search.pieces(&keeper, "squares", 40, |_| {}, square);
+            let found = search.pieces(&keeper, "squares", 40, square);
             assert!(found.unwrap().is_some());
             done.load(Ordering::Relaxed)
         };

@@ -59,8 +59,7 @@ type Scored = (Vec<f32>, f64);
 
 impl Search {
     /// Each set's best parameters, with the distance in metres of each of the set's motions by the core in `f64`. None
-    /// where it was told to stop meanwhile: what is done is kept, and it goes on from there. `report` is told the turn, and
-    /// how many sets are done with it.
+    /// where it was told to stop meanwhile: what is done is kept, and it goes on from there.
     ///
     /// # Errors
     /// A task that the core refuses.
@@ -68,7 +67,6 @@ impl Search {
         &mut self,
         problem: &Problem,
         keeper: &Keeper<'_>,
-        report: impl Fn(usize, usize) + Sync,
     ) -> Result<Option<Vec<Winner>>, LearnError> {
         let landscape = Landscape::new(problem)?;
         let stop = keeper.stop;
@@ -95,8 +93,8 @@ impl Search {
                     .transpose()?;
                 Ok(won.map(|won| (won, count.into_inner())))
             };
-            let told = |done| report(turn, done);
-            let found = self.long_pieces(keeper, "strides", sets, told, stride)?;
+            let part = format!("strides, turn {}", turn + 1);
+            let found = self.long_pieces(keeper, &part, sets, stride)?;
             self.seconds += began.elapsed().as_secs_f64();
             let Some(found) = found else {
                 keeper.keep(self);
@@ -447,20 +445,21 @@ mod tests {
         let mut first = search(&problem);
         let mut whole = first.clone();
         let never = Keeper::default();
-        let winners = whole.winners(&problem, &never, |_, _| {}).unwrap();
+        let winners = whole.winners(&problem, &never).unwrap();
         let winners = winners.unwrap();
         assert_eq!(winners.len(), 16);
 
         // In the first turn, and in the second.
         for turn in [0, 1] {
             let stop = AtomicBool::new(false);
-            let when_due = |at, done| {
-                if at == turn && done >= 4 {
+            let part = format!("strides, turn {}", turn + 1);
+            let when_due = |at: &str, done, _| {
+                if at == part && done >= 4 {
                     stop.store(true, Ordering::Relaxed);
                 }
             };
             let keeper = Keeper::new(&stop, Some(&checkpoint));
-            let stopped = first.winners(&problem, &keeper, when_due);
+            let stopped = first.winners(&problem, &keeper.telling(&when_due));
             assert_eq!(stopped.unwrap(), None);
             let Kept::Search(kept) = checkpoint.read() else {
                 panic!("nothing kept");
@@ -471,13 +470,14 @@ mod tests {
             // What is done of the turn is told at once.
             let told = AtomicU64::new(0);
             let keeper = Keeper::new(&stop, None);
-            let report = |_, done: usize| {
+            let hears = |_: &str, done: usize, _| {
                 told.fetch_max(done as u64, Ordering::Relaxed);
             };
-            assert_eq!(first.winners(&problem, &keeper, report).unwrap(), None);
-            assert!(told.into_inner() >= 4);
+            let keeper = keeper.telling(&hears);
+            assert_eq!(first.winners(&problem, &keeper).unwrap(), None);
+            assert!(told.load(Ordering::Relaxed) >= 4);
         }
-        let again = first.winners(&problem, &never, |_, _| {});
+        let again = first.winners(&problem, &never);
         assert_eq!(again.unwrap().unwrap(), winners);
         assert_eq!(first.evaluations, whole.evaluations);
     }
@@ -488,7 +488,7 @@ mod tests {
         let mut first = search(&problem);
         let mut whole = first.clone();
         let began = Instant::now();
-        let winners = whole.winners(&problem, &Keeper::default(), |_, _| {});
+        let winners = whole.winners(&problem, &Keeper::default());
         let (winners, took) = (winners.unwrap().unwrap(), began.elapsed());
         let mut stops = 0;
         let again = loop {
@@ -499,7 +499,7 @@ mod tests {
                     stop.store(true, Ordering::Relaxed);
                 });
                 let keeper = Keeper::new(&stop, None);
-                first.winners(&problem, &keeper, |_, _| {}).unwrap()
+                first.winners(&problem, &keeper).unwrap()
             });
             match again {
                 Some(again) => break again,
@@ -519,7 +519,7 @@ mod tests {
         problem.sets = vec![vec![0], vec![0]];
         let mut search = search(&problem);
         let never = Keeper::default();
-        let won = search.winners(&problem, &never, |_, _| {});
+        let won = search.winners(&problem, &never);
         let best = won.unwrap().unwrap().remove(0);
         let poor = winner(&problem, 1, &vec![0.5; problem.genes()]).unwrap();
         assert!(best.distances < poor.distances);
@@ -528,7 +528,7 @@ mod tests {
         search.turns = vec![vec![best.clone(), poor.clone()]];
         assert_eq!(search.due(), Some(1));
         assert_eq!(search.guests(&problem, &landscape, 1).members.len(), 2);
-        let won = search.winners(&problem, &never, |_, _| {});
+        let won = search.winners(&problem, &never);
         let won = won.unwrap().unwrap();
         assert!(won.iter().all(|winner| winner.distances <= best.distances));
         assert_eq!(search.turns[0], [best.clone(), poor.clone()]);

@@ -344,8 +344,7 @@ impl Search {
         keeper: &Keeper<'_>,
     ) -> Result<Option<Vec<Floor>>, LearnError> {
         let floor = |number: usize| Ok(Some(ground.landscape.descend(&starts[number])));
-        let told = keeper.hears(part, starts.len());
-        self.pieces(keeper, part, starts.len(), told, floor)
+        self.pieces(keeper, part, starts.len(), floor)
     }
 
     /// Descends, and puts the floors in their places: how many evaluations it took. None, and no island is changed, where it
@@ -418,8 +417,10 @@ impl Search {
         if within.is_some_and(|within| within.won().is_some()) {
             return Ok(true);
         }
-        let end =
-            |search: &mut Search, keeper: &Keeper<'_>| search.end(&poorer, MOST_WITHIN, keeper);
+        let told = keeper.after("the model within");
+        let end = |search: &mut Search, keeper: &Keeper<'_>| {
+            search.end(&poorer, MOST_WITHIN, &keeper.telling(&told))
+        };
         let ended = self.inside(Inner::Within, &poorer, keeper, end)?;
         if ended.is_some() {
             self.evaluations += self.within.as_ref().map_or(0, |within| within.evaluations);
@@ -439,10 +440,7 @@ impl Search {
     ) -> Result<Option<Vec<Winner>>, LearnError> {
         match self.run(problem, &mut Backend::Cpu, generations, keeper, |_| {})? {
             Ended::Stopped => Ok(None),
-            _ => {
-                let told = keeper.hears("strides", problem.sets.len());
-                self.winners(problem, keeper, |_, done| told(done))
-            }
+            _ => self.winners(problem, keeper),
         }
     }
 
@@ -879,7 +877,7 @@ mod tests {
     }
 
     fn winners(search: &mut Search, problem: &Problem) -> Vec<Winner> {
-        let winners = search.winners(problem, &Keeper::default(), |_, _| {});
+        let winners = search.winners(problem, &Keeper::default());
         winners.unwrap().unwrap()
     }
 
@@ -1011,7 +1009,7 @@ mod tests {
                 let keeper = Keeper::new(&stop, None);
                 match run_with(&mut search, &problem, 1000, &keeper) {
                     Ended::Stopped => None,
-                    _ => search.winners(&problem, &keeper, |_, _| {}).unwrap(),
+                    _ => search.winners(&problem, &keeper).unwrap(),
                 }
             });
             match found {

@@ -29,7 +29,7 @@ use sinew::map::{INPUTS, MOST_TARGETS, Reach, SynergyMap, TERMS, standardised, t
 use sinew::real::Real;
 use sinew_protocol::frame::CHECK;
 
-use crate::checkpoint::{Keeper, Told};
+use crate::checkpoint::Keeper;
 use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
 use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, Inner, LearnError, Search};
@@ -253,7 +253,6 @@ pub fn learn(
     own: &[Vec<f64>],
     known: Option<&LearnedMap>,
     keeper: &Keeper<'_>,
-    tell: Told<'_>,
 ) -> Result<Option<LearnedMap>, LearnError> {
     let (centre, scale) = match known {
         Some(known) => known.standard(),
@@ -264,10 +263,9 @@ pub fn learn(
     let fit = Fit::new(problem, &landscape, (&centre, &scale), keeper.stop);
 
     // The fits begin with one vector for all.
-    tell("one vector for all reaches", 0, 1);
     let all: Vec<usize> = (0..problem.tasks.len()).collect();
     let jointly = jointly(problem, &all);
-    let told = |_: &str, done, count| tell("one vector for all reaches", done, count);
+    let told = keeper.after("one vector for all reaches");
     let one = |search: &mut Search, keeper: &Keeper<'_>| {
         one_vector(search, &jointly, &keeper.telling(&told))
     };
@@ -295,14 +293,13 @@ pub fn learn(
         let wider =
             |weights: &DMatrix<f64>| weights.clone().resize_horizontally(degree.terms(), 0.0);
         let matrix = |values: Vec<f64>| DMatrix::from_vec(problem.genes(), degree.terms(), values);
-        let told = |done| tell(&words, done, folds.len() + 1);
         let part = |fold: usize| {
             let (_, kept) = &folds[fold];
             let begin = wider(&from.parts[fold]);
             let part = fit.to(to, kept, |fit, kept| fit.descend(begin, kept))?;
             Ok(part.map(|part| part.as_slice().to_vec()))
         };
-        let parts = search.pieces(keeper, &words, folds.len(), told, part)?;
+        let parts = search.pieces(keeper, &words, folds.len(), part)?;
         let Some(parts) = parts else {
             return Ok(false);
         };
@@ -321,8 +318,7 @@ pub fn learn(
             })?;
             Ok(whole.map(|whole| whole.as_slice().to_vec()))
         };
-        let told = |done| tell(&words, folds.len() + done, folds.len() + 1);
-        let whole = search.pieces(keeper, &name, 1, told, whole)?;
+        let whole = search.pieces(keeper, &format!("{name}, of all"), 1, whole)?;
         let Some(whole) = whole.and_then(|all| all.into_iter().next()) else {
             return Ok(false);
         };
@@ -384,11 +380,9 @@ pub fn learn(
     trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
     let at_once = all.chunks(AT_ONCE);
     let whole: Vec<Fold> = at_once.map(|some| (some.to_vec(), all.clone())).collect();
-    let told = |done| tell(PREDICTED, done, whole.len() + folds.len());
-    let fitted = predicted(search, problem, seen, (PREDICTED, &whole), keeper, told)?;
-    let told = |done| tell(PREDICTED, whole.len() + done, whole.len() + folds.len());
-    let part = "predicted, left out";
-    let scored = predicted(search, problem, seen, (part, &folds), keeper, told)?;
+    let fitted = predicted(search, problem, seen, (PREDICTED, &whole), keeper)?;
+    let part = format!("{PREDICTED}, with {} groups left out", folds.len());
+    let scored = predicted(search, problem, seen, (&part, &folds), keeper)?;
     let (Some(fitted), Some(scored)) = (fitted, scored) else {
         return Ok(None);
     };
@@ -572,7 +566,6 @@ pub fn transfer(
     (known, most): (&LearnedMap, usize),
     generations: u32,
     keeper: &Keeper<'_>,
-    tell: Told<'_>,
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
     let stop = keeper.stop;
     let (centre, scale) = known.standard();
@@ -583,8 +576,7 @@ pub fn transfer(
     let count = problem.tasks.len();
     let all: Vec<usize> = (0..count).collect();
     let most = most.min(count.saturating_sub(1));
-    let told =
-        |words: &str, done, count| tell(&format!("each reach by itself: {words}"), done, count);
+    let told = keeper.after("each reach by itself");
     let Some(winners) = search.end(problem, generations, &keeper.telling(&told))? else {
         return Ok(None);
     };
@@ -614,8 +606,7 @@ pub fn transfer(
                 others,
             };
             let part = format!("{used} reaches, predicted {part}");
-            let told = |done| tell(&part, done, folds.len());
-            let points = predicted(search, problem, seen, (&part, &folds), keeper, told)?;
+            let points = predicted(search, problem, seen, (&part, &folds), keeper)?;
             Ok::<_, LearnError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
         };
         let predicted_cm = match known.reaches[..] {
@@ -658,8 +649,7 @@ pub fn transfer(
             }))
         };
         let part = format!("{used} reaches, fitted");
-        let told = |done| tell(&part, done, folds.len());
-        let Some(fitted) = search.pieces(keeper, &part, folds.len(), told, fitted)? else {
+        let Some(fitted) = search.pieces(keeper, &part, folds.len(), fitted)? else {
             return Ok(None);
         };
         let mean_cm = |k: usize| 100.0 * mean(fitted.iter().map(|fitted: &[f64; 3]| fitted[k]));
@@ -805,14 +795,13 @@ fn predicted(
     seen: Known<'_>,
     (part, folds): (&str, &[Fold]),
     keeper: &Keeper<'_>,
-    tell: impl Fn(usize) + Sync,
 ) -> Result<Option<Vec<Tried>>, LearnError> {
     let stop = keeper.stop;
     let left_out = |fold: usize| {
         let (left_out, kept) = &folds[fold];
         Ok(predict::left_out(problem, seen, left_out, kept, stop)?)
     };
-    let found = search.pieces(keeper, part, folds.len(), tell, left_out)?;
+    let found = search.pieces(keeper, part, folds.len(), left_out)?;
     let reaches = folds.iter().flat_map(|(left_out, _)| left_out.clone());
     let point = |(reach, parameters): (usize, Vec<f64>)| {
         let shares = shares(problem, &parameters);
@@ -978,13 +967,7 @@ impl<'a> Fit<'a> {
             };
             Ok(descended.map(best))
         };
-        let found = search.pieces(
-            keeper,
-            "beginnings",
-            folds.len(),
-            keeper.hears("beginnings", folds.len()),
-            beginning,
-        )?;
+        let found = search.pieces(keeper, "where fits begin", folds.len(), beginning)?;
         let matrix = |values: Vec<f64>| DMatrix::from_vec(problem.genes(), 1, values);
         Ok(found.map(|found| found.into_iter().map(matrix).collect()))
     }
@@ -1172,7 +1155,7 @@ mod tests {
             // All of it, as the program does when it goes on.
             let won = search.end(&problem, 64, keeper).unwrap()?;
             let own: Vec<Vec<f64>> = won.into_iter().map(|one| one.parameters).collect();
-            learn(search, &problem, &own, None, keeper, &|_, _, _| {}).unwrap()
+            learn(search, &problem, &own, None, keeper).unwrap()
         };
         let began = Instant::now();
         let mut search = Search::new(&problem);

@@ -236,7 +236,6 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
         (&known, arguments.most),
         options.generations,
         &keeper.telling(&tell),
-        &tell,
     );
     let Some(rows) = rows.map_err(Failure::run)? else {
         return stopped(&search, &keeper, checkpoint.as_ref());

@@ -79,8 +79,8 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let motions = synergies.motions.iter();
         let own: Vec<Vec<f64>> = motions.map(|motion| motion.parameters.clone()).collect();
         let tell = steps("map");
-        let keeper = keeper.telling(&tell);
-        let map = map::learn(&mut search, &problem, &own, known.as_ref(), &keeper, &tell);
+        let telling = keeper.telling(&tell);
+        let map = map::learn(&mut search, &problem, &own, known.as_ref(), &telling);
         synergies.map = map.map_err(Failure::run)?;
         if synergies.map.is_none() {
             return stopped(&search, &keeper, Some(&checkpoint));

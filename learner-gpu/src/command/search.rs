@@ -407,9 +407,7 @@ pub fn run(
         if ended == Ended::Stopped {
             return Ok(None);
         }
-        let sets = problem.sets.len();
-        let report = |turn, done| bar.finish(turn, done, sets);
-        let winners = search.winners(problem, keeper, report)?;
+        let winners = search.winners(problem, keeper)?;
         Ok(winners.map(|winners| (ended, winners)))
     });
     bar.bar.finish_and_clear();
@@ -519,12 +517,6 @@ impl Bar {
                 self.tell(&words, || words.clone());
             }
         }
-    }
-
-    /// Of so many sets of motions so many are done with strides in this turn.
-    fn finish(&self, turn: usize, done: usize, sets: usize) {
-        let words = format!("strides, turn {}: {done}/{sets}", turn + 1);
-        self.tell(&words, || words.clone());
     }
 
     fn tell(&self, message: &str, line: impl Fn() -> String) {
