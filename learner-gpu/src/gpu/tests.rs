@@ -184,6 +184,10 @@ fn by_the_core<const N: usize>(problem: &Problem, islands: &[Island]) -> Vec<f32
     scores
 }
 
+/// How near the median score is to the core's, as a share: in `f32` the CPU comes to 1e-7 to 3e-7, and a GPU's divisions may
+/// be 2.5 units in the last place off (WGSL, section 15.7.4).
+const CLOSE: f64 = 3e-6;
+
 /// Prints how near the device's scores are to the core's, and returns the median relative difference.
 fn compare<const N: usize>(what: &str, problem: &Problem) -> f64 {
     let mut gpu = Gpu::new(problem, &fresh(problem), Which::Best).unwrap();
@@ -216,7 +220,7 @@ fn every_stepper_and_model_scores_a_human_arm_as_the_core_does() {
     for stepper in StepperKind::ALL {
         for model in MODELS {
             let problem = problem(human(3), stepper, model, model == ModelKind::B);
-            assert!(compare::<7>(&format!("{stepper:?}, S_{model:?}"), &problem) < 1e-6);
+            assert!(compare::<7>(&format!("{stepper:?}, S_{model:?}"), &problem) < CLOSE);
         }
     }
 }
@@ -230,7 +234,7 @@ fn every_stepper_scores_arms_with_turns_and_slides_as_the_core_does() {
         for clamped in [false, true] {
             let problem = problem(general(), stepper, ModelKind::D, clamped);
             let what = format!("{stepper:?}, general arms, clamped {clamped}");
-            assert!(compare::<5>(&what, &problem) < 1e-6);
+            assert!(compare::<5>(&what, &problem) < CLOSE);
         }
     }
 }
@@ -243,7 +247,7 @@ fn a_set_of_motions_scores_their_mean() {
     let mut problem = problem(human(4), StepperKind::Transpose, ModelKind::C, false);
     // One motion is in two sets.
     problem.sets = vec![vec![0, 1, 2], vec![3, 2]];
-    assert!(compare::<7>("sets of 3 and 2", &problem) < 1e-6);
+    assert!(compare::<7>("sets of 3 and 2", &problem) < CLOSE);
 }
 
 #[test]
