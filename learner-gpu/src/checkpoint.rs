@@ -1,7 +1,7 @@
 //! What is kept of a search while it runs, so that it can be stopped at any time and goes on from there.
 //!
 //! A [`Keeper`] says when work is to be put down, and keeps the search then. Work that the search's state says nothing of
-//! before it has ended is done in pieces ([`Search::pieces`]): a [`Journal`] in the search holds those that are done, and what
+//! before it has ended is done in pieces (`Search::pieces`): a `Journal` in the search holds those that are done, and what
 //! goes on does the others.
 
 use std::cell::{Cell, RefCell};
