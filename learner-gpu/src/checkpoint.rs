@@ -311,26 +311,46 @@ impl Search {
     }
 }
 
+/// Works on a search and stops it after a while, again and again until it comes to its end: with what, and how many of the
+/// stops left more than there was. `took` is how long the work takes without stops; a while in which nothing was done was
+/// too short, as it may be on a machine that has other work, and the next one is longer.
+#[cfg(test)]
+pub(crate) fn stopped_often<T>(
+    search: &mut Search,
+    took: Duration,
+    mut work: impl FnMut(&mut Search, &AtomicBool) -> Option<T>,
+) -> (T, usize) {
+    let mut after = took / 100;
+    let mut gains = 0;
+    for _ in 0..5000 {
+        let (before, stop) = (search.timeless(), AtomicBool::new(false));
+        let done = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(after);
+                stop.store(true, Ordering::Relaxed);
+            });
+            work(search, &stop)
+        });
+        if let Some(done) = done {
+            return (done, gains);
+        }
+        if search.timeless() == before {
+            after += after / 4;
+        } else {
+            gains += 1;
+        }
+    }
+    panic!("it comes to no end");
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{ModelKind, Settings, StepperKind};
+    use crate::problem::{ModelKind, StepperKind};
 
     /// One of no motions.
     fn problem() -> Problem {
-        Problem {
-            settings: Settings {
-                stepper: StepperKind::Transpose,
-                model: ModelKind::C,
-                lambda: 100.0,
-                rate_hz: 60.0,
-                clamped: false,
-            },
-            tasks: Vec::new(),
-            sets: Vec::new(),
-            islands: 2,
-            seed: 5,
-        }
+        Problem::of_sample(&[], StepperKind::Transpose, ModelKind::C)
     }
 
     #[test]

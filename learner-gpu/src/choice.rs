@@ -158,28 +158,13 @@ fn sample(problem: &Problem, islands: usize) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{ModelKind, Settings, StepperKind};
-    use crate::task::{Arm, Task, facing};
+    use crate::problem::{ModelKind, StepperKind};
 
     fn problem(islands: usize) -> Problem {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let tasks: Vec<Task> = reaches[..3]
-            .iter()
-            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
-            .collect();
         Problem {
-            settings: Settings {
-                stepper: StepperKind::Transpose,
-                model: ModelKind::C,
-                lambda: 100.0,
-                rate_hz: 60.0,
-                clamped: false,
-            },
-            sets: (0..tasks.len()).map(|task| vec![task]).collect(),
-            tasks,
             islands,
             seed: 1,
+            ..Problem::of_sample(&[0, 1, 2], StepperKind::Transpose, ModelKind::C)
         }
     }
 

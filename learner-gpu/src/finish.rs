@@ -348,33 +348,16 @@ fn winner(problem: &Problem, set: usize, point: &[f32]) -> Result<Winner, TaskEr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkpoint::{Checkpoint, Kept};
+    use crate::checkpoint::{Checkpoint, Kept, stopped_often};
     use crate::learn::{Backend, GENERATIONS_A_ROUND};
-    use crate::problem::{ModelKind, Settings, StepperKind};
-    use crate::task::{Arm, Task, facing};
+    use crate::problem::{ModelKind, StepperKind};
     use std::sync::atomic::Ordering;
 
     /// The shipped sample's first two reaches, each `times` over.
     fn problem(stepper: StepperKind, model: ModelKind, times: usize) -> Problem {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let tasks: Vec<Task> = reaches[..2]
-            .iter()
-            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
-            .collect();
-        let lambda = stepper.rate();
         Problem {
-            settings: Settings {
-                stepper,
-                model,
-                lambda,
-                rate_hz: 60.0,
-                clamped: false,
-            },
-            tasks,
             sets: (0..2 * times).map(|set| vec![set % 2]).collect(),
-            islands: 2,
-            seed: 5,
+            ..Problem::of_sample(&[0, 1], stepper, model)
         }
     }
 
@@ -490,23 +473,10 @@ mod tests {
         let began = Instant::now();
         let winners = whole.winners(&problem, &Keeper::default());
         let (winners, took) = (winners.unwrap().unwrap(), began.elapsed());
-        let mut stops = 0;
-        let again = loop {
-            let stop = AtomicBool::new(false);
-            let again = std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(took / 20);
-                    stop.store(true, Ordering::Relaxed);
-                });
-                let keeper = Keeper::new(&stop, None);
-                first.winners(&problem, &keeper).unwrap()
-            });
-            match again {
-                Some(again) => break again,
-                None => stops += 1,
-            }
-            assert!(stops < 400, "it comes to no end");
-        };
+        let (again, stops) = stopped_often(&mut first, took, |search, stop| {
+            let keeper = Keeper::new(stop, None);
+            search.winners(&problem, &keeper).unwrap()
+        });
         assert!(stops > 5, "{stops}");
         assert_eq!(again, winners);
         assert_eq!(first.evaluations, whole.evaluations);

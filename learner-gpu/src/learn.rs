@@ -152,6 +152,18 @@ pub enum Ended {
 }
 
 impl Search {
+    /// For tests: the same, however long it took.
+    #[cfg(test)]
+    pub(crate) fn timeless(&self) -> Search {
+        let inner = |search: &Option<Box<Search>>| search.as_ref().map(|s| Box::new(s.timeless()));
+        Search {
+            seconds: 0.0,
+            within: inner(&self.within),
+            jointly: inner(&self.jointly),
+            ..self.clone()
+        }
+    }
+
     /// Before the first generation.
     pub fn new(problem: &Problem) -> Self {
         let count = problem.sets.len() * problem.islands;
@@ -442,12 +454,6 @@ impl Search {
             Ended::Stopped => Ok(None),
             _ => self.winners(problem, keeper),
         }
-    }
-
-    /// The best genes of each set so far.
-    pub(crate) fn bests(&self, problem: &Problem) -> Vec<&[u32]> {
-        let bests = bests(&self.islands, problem.islands).into_iter();
-        bests.map(|(genes, _)| genes).collect()
     }
 
     /// Begins a search within this one, or goes on with it, as far as `work` does; what comes of that.
@@ -834,31 +840,11 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
-    use crate::checkpoint::{Checkpoint, Kept};
+    use crate::checkpoint::{Checkpoint, Kept, stopped_often};
     use crate::problem::{ModelKind, StepperKind};
-    use crate::task::{Arm, Task, facing};
 
     fn problem() -> Problem {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let tasks: Vec<Task> = reaches[..2]
-            .iter()
-            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
-            .collect();
-        let settings = Settings {
-            stepper: StepperKind::Transpose,
-            model: ModelKind::C,
-            lambda: 100.0,
-            rate_hz: 60.0,
-            clamped: false,
-        };
-        Problem {
-            settings,
-            tasks,
-            sets: vec![vec![0], vec![1]],
-            islands: 2,
-            seed: 5,
-        }
+        Problem::of_sample(&[0, 1], StepperKind::Transpose, ModelKind::C)
     }
 
     fn run(search: &mut Search, problem: &Problem, generations: u32) -> Ended {
@@ -998,35 +984,16 @@ mod tests {
 
         // So often that no round, and no search within, could end between two stops.
         let mut search = Search::new(&problem);
-        let mut stops = 0;
-        let found = loop {
-            let stop = AtomicBool::new(false);
-            let found = std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(took / 40);
-                    stop.store(true, Ordering::Relaxed);
-                });
-                let keeper = Keeper::new(&stop, None);
-                match run_with(&mut search, &problem, 1000, &keeper) {
-                    Ended::Stopped => None,
-                    _ => search.winners(&problem, &keeper).unwrap(),
-                }
-            });
-            match found {
-                Some(found) => break found,
-                None => stops += 1,
+        let (found, stops) = stopped_often(&mut search, took, |search, stop| {
+            let keeper = Keeper::new(stop, None);
+            match run_with(search, &problem, 1000, &keeper) {
+                Ended::Stopped => None,
+                _ => search.winners(&problem, &keeper).unwrap(),
             }
-        };
-        assert!(stops > 10, "{stops}");
+        });
+        assert!(stops > 5, "{stops}");
         assert_eq!(found, won);
-        search.seconds = whole.seconds;
-        let seconds = |search: &mut Search| {
-            let within = search.within.as_mut().unwrap();
-            within.seconds = 0.0;
-        };
-        seconds(&mut search);
-        seconds(&mut whole);
-        assert_eq!(search, whole);
+        assert_eq!(search.timeless(), whole.timeless());
     }
 
     #[test]

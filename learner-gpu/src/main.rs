@@ -48,7 +48,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(failure) => {
-            command::tell!("sinew: {failure}");
+            command::tell!("{failure}");
             failure.code()
         }
     }

@@ -32,7 +32,7 @@ use sinew_protocol::frame::CHECK;
 use crate::checkpoint::Keeper;
 use crate::kernel::philox::{key, philox};
 use crate::kernel::score::Ready;
-use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, Inner, LearnError, Search};
+use crate::learn::{Backend, Ended, GENERATIONS_A_ROUND, Inner, LearnError, Search, bests};
 use crate::motion::{Point, distance};
 use crate::predict::{self, Known, NEAR, same};
 use crate::problem::{ModelKind, Problem, mean, with_dofs};
@@ -380,9 +380,9 @@ pub fn learn(
     trials.extend(candidates.iter().map(|candidate| candidate.trial.clone()));
     let at_once = all.chunks(AT_ONCE);
     let whole: Vec<Fold> = at_once.map(|some| (some.to_vec(), all.clone())).collect();
-    let fitted = predicted(search, problem, seen, (PREDICTED, &whole), keeper)?;
+    let fitted = predicted(search, problem, seen, PREDICTED, &whole, keeper)?;
     let part = format!("{PREDICTED}, with {} groups left out", folds.len());
-    let scored = predicted(search, problem, seen, (&part, &folds), keeper)?;
+    let scored = predicted(search, problem, seen, &part, &folds, keeper)?;
     let (Some(fitted), Some(scored)) = (fitted, scored) else {
         return Ok(None);
     };
@@ -516,10 +516,8 @@ fn one_vector(
     if search.run(jointly, &mut Backend::Cpu, most, keeper, |_| {})? == Ended::Stopped {
         return Ok(None);
     }
-    let best = search
-        .bests(jointly)
-        .first()
-        .map(|genes| refine::shares(genes));
+    let best = bests(&search.islands, jointly.islands);
+    let best = best.first().map(|(genes, _)| refine::shares(genes));
     let best = best.unwrap_or_else(|| vec![0.0; jointly.genes()]);
     let best = best.into_iter().map(f64::from);
     Ok(Some(DMatrix::from_iterator(jointly.genes(), 1, best)))
@@ -563,7 +561,8 @@ const CHOICES: u32 = 6;
 pub fn transfer(
     search: &mut Search,
     problem: &Problem,
-    (known, most): (&LearnedMap, usize),
+    known: &LearnedMap,
+    most: usize,
     generations: u32,
     keeper: &Keeper<'_>,
 ) -> Result<Option<Vec<Transfer>>, LearnError> {
@@ -606,7 +605,7 @@ pub fn transfer(
                 others,
             };
             let part = format!("{used} reaches, predicted {part}");
-            let points = predicted(search, problem, seen, (&part, &folds), keeper)?;
+            let points = predicted(search, problem, seen, &part, &folds, keeper)?;
             Ok::<_, LearnError>(points.map(|points| 100.0 * mean_at(&landscape, &points)))
         };
         let predicted_cm = match known.reaches[..] {
@@ -793,7 +792,8 @@ fn predicted(
     search: &mut Search,
     problem: &Problem,
     seen: Known<'_>,
-    (part, folds): (&str, &[Fold]),
+    part: &str,
+    folds: &[Fold],
     keeper: &Keeper<'_>,
 ) -> Result<Option<Vec<Tried>>, LearnError> {
     let stop = keeper.stop;
@@ -1123,34 +1123,17 @@ impl<'a> Fit<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkpoint::{Checkpoint, Kept};
-    use crate::problem::{Settings, StepperKind};
-    use crate::task::{Arm, facing};
+    use crate::checkpoint::{Checkpoint, Kept, stopped_often};
+    use crate::problem::StepperKind;
     use nalgebra::Vector3;
     use std::time::Instant;
 
     #[test]
     fn however_often_it_is_stopped_a_map_ends_as_if_it_never_was() {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let tasks = reaches.iter().step_by(3);
-        let tasks: Vec<Task> = tasks
-            .map(|reach| Task::new(reach, &arm, 60.0).unwrap())
-            .collect();
         let problem = Problem {
-            settings: Settings {
-                stepper: StepperKind::PseudoInverse,
-                model: ModelKind::A,
-                lambda: 10.0,
-                rate_hz: 60.0,
-                clamped: false,
-            },
-            tasks,
-            sets: Vec::new(),
             islands: 1,
-            seed: 5,
+            ..Problem::of_sample(&[0, 3, 6, 9, 12], StepperKind::PseudoInverse, ModelKind::A)
         };
-        let problem = problem.each_of(problem.tasks.clone());
         let map = |search: &mut Search, keeper: &Keeper<'_>| {
             // All of it, as the program does when it goes on.
             let won = search.end(&problem, 64, keeper).unwrap()?;
@@ -1165,27 +1148,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("learning.checkpoint");
         let checkpoint = Checkpoint::new(file, &problem, "cpu");
-        let mut stops = 0;
-        let found = loop {
-            let mut search = match checkpoint.read() {
-                Kept::Search(search) => *search,
-                _ => Search::new(&problem),
-            };
-            let stop = AtomicBool::new(false);
-            let found = std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(took / 12);
-                    stop.store(true, Ordering::Relaxed);
-                });
-                map(&mut search, &Keeper::new(&stop, Some(&checkpoint)))
-            });
-            match found {
-                Some(found) => break found,
-                None => stops += 1,
+        let mut search = Search::new(&problem);
+        let (found, stops) = stopped_often(&mut search, took, |search, stop| {
+            if let Kept::Search(kept) = checkpoint.read() {
+                *search = *kept;
             }
-            assert!(stops < 200, "it comes to no end");
-        };
-        assert!(stops > 3, "{stops}");
+            map(search, &Keeper::new(stop, Some(&checkpoint)))
+        });
+        assert!(stops > 5, "{stops}");
         assert_eq!(found, whole);
     }
 

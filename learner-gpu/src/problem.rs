@@ -168,6 +168,27 @@ pub struct Problem {
 }
 
 impl Problem {
+    /// For tests: of some of the shipped sample's reaches, each with a parameter vector of its own, two islands of each.
+    #[cfg(test)]
+    pub(crate) fn of_sample(reaches: &[usize], stepper: StepperKind, model: ModelKind) -> Problem {
+        let sample = crate::sample::shipped().unwrap();
+        let arm = crate::task::Arm::Human(crate::task::facing(&sample));
+        let task = |&reach: &usize| Task::new(&sample[reach], &arm, 60.0).unwrap();
+        Problem {
+            settings: Settings {
+                stepper,
+                model,
+                lambda: stepper.rate(),
+                rate_hz: 60.0,
+                clamped: false,
+            },
+            tasks: reaches.iter().map(task).collect(),
+            sets: (0..reaches.len()).map(|set| vec![set]).collect(),
+            islands: 2,
+            seed: 5,
+        }
+    }
+
     /// How many DoFs the chains have.
     pub fn dofs(&self) -> usize {
         self.tasks.first().map_or(0, |task| task.chain.joints.len())

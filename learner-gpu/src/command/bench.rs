@@ -134,8 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         recordings.len()
     ))?;
     let Some(report) = measured(arguments, &bench, paths, &stop).map_err(Failure::run)? else {
-        super::tell!("stopped");
-        return Ok(ExitCode::from(130));
+        return Err(Failure::Stopped("stopped".to_owned()));
     };
     print(&told(&report))?;
     if let Some(path) = &arguments.json {

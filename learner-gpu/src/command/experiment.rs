@@ -129,10 +129,7 @@ fn models(arguments: &Models) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["models.csv", "models.json"];
     let out = Out::new("models", arguments.out.as_deref(), &files)?;
-    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
-        Searched::Learned(learned) => learned,
-        Searched::Stopped(code) => return Ok(code),
-    };
+    let learned = searches(&arguments.options, plan, &tasks, &out)?;
     // Each model against the one before it.
     let row = |k: usize, this: &Learned| {
         let before = k.checked_sub(1).and_then(|before| learned.get(before));
@@ -162,10 +159,7 @@ fn steppers(arguments: &Steppers) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["steppers.csv", "steppers.json"];
     let out = Out::new("steppers", arguments.out.as_deref(), &files)?;
-    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
-        Searched::Learned(learned) => learned,
-        Searched::Stopped(code) => return Ok(code),
-    };
+    let learned = searches(&arguments.options, plan, &tasks, &out)?;
     let row = |this: &Learned| {
         let Settings { stepper, model, .. } = this.settings;
         let bare = learned.iter().find(|bare| {
@@ -193,10 +187,7 @@ fn speed(arguments: &Speed) -> Result<ExitCode, Failure> {
     let tasks = arguments.options.tasks(&arguments.options.recordings()?)?;
     let files = ["speed.csv", "shape.csv", "speed.json"];
     let out = Out::new("speed", arguments.out.as_deref(), &files)?;
-    let learned = match searches(&arguments.options, plan, &tasks, &out)? {
-        Searched::Learned(learned) => learned,
-        Searched::Stopped(code) => return Ok(code),
-    };
+    let learned = searches(&arguments.options, plan, &tasks, &out)?;
     let mut curves = Vec::new();
     for (index, task) in tasks.iter().enumerate() {
         curves.extend(curves_of(index, task, &learned)?);
@@ -224,21 +215,19 @@ fn transfer(arguments: &Transfer) -> Result<ExitCode, Failure> {
     let stop = search::stop()?;
     // Whatever is set for the others, fits of many small sets are for the CPU.
     let checkpoint = out.checkpoint(1, &problem, &Backend::Cpu);
-    let mut search = Search::new(&problem);
-    if let Some(checkpoint) = &checkpoint {
-        search = taken_up(checkpoint, search);
-    }
+    let mut search = taken_up(checkpoint.as_ref(), Search::new(&problem));
     let keeper = Keeper::new(&stop, checkpoint.as_ref());
     let tell = steps("learning from");
     let rows = map::transfer(
         &mut search,
         &problem,
-        (&known, arguments.most),
+        &known,
+        arguments.most,
         options.generations,
         &keeper.telling(&tell),
     );
     let Some(rows) = rows.map_err(Failure::run)? else {
-        return stopped(&search, &keeper, checkpoint.as_ref());
+        return Err(stopped(&search, &keeper, checkpoint.as_ref()));
     };
     out.transfer(&settings, &rows)?;
     let headings = [
@@ -283,21 +272,13 @@ impl Learned {
 /// The most searches of a plan: S_A and S_C, with every inverse kinematics.
 const MOST_SEARCHES: usize = 2 * StepperKind::ALL.len();
 
-/// How the searches of a plan ended.
-enum Searched {
-    /// With what was learned.
-    Learned(Vec<Learned>),
-    /// It was told to stop: what the command ends with.
-    Stopped(ExitCode),
-}
-
 /// Runs the searches of a plan one after the other on the same tasks.
 fn searches(
     options: &Options,
     plan: Vec<Settings>,
     tasks: &[Task],
     out: &Out<'_>,
-) -> Result<Searched, Failure> {
+) -> Result<Vec<Learned>, Failure> {
     let stop = search::stop()?;
     let mut learned = Vec::new();
     // The searches on the CPU: a richer model's begins where a poorer's ends, and does not repeat it.
@@ -320,22 +301,15 @@ fn searches(
             name(settings.stepper)
         );
         let checkpoint = out.checkpoint(k + 1, &problem, &backend);
-        if let Some(checkpoint) = &checkpoint {
-            search = taken_up(checkpoint, search);
-        }
+        search = taken_up(checkpoint.as_ref(), search);
         let keeper = Keeper::new(&stop, checkpoint.as_ref());
         let most = options.generations;
         let found = search::run(&mut search, &problem, &mut backend, most, &keeper)?;
-        let Some((_, winners)) = found else {
-            let code = stopped(&search, &keeper, checkpoint.as_ref())?;
-            return Ok(Searched::Stopped(code));
-        };
         // An experiment that goes on does not do this search again.
         keeper.keep(&search);
-        if keeper.stopped() {
-            let code = stopped(&search, &keeper, checkpoint.as_ref())?;
-            return Ok(Searched::Stopped(code));
-        }
+        let Some((_, winners)) = found.filter(|_| !keeper.stopped()) else {
+            return Err(stopped(&search, &keeper, checkpoint.as_ref()));
+        };
         // The CPU may have taken over.
         let (backend_name, device) = named(&backend);
         let synergies = synergies(&problem, &search, &winners, backend_name, device)?;
@@ -347,7 +321,7 @@ fn searches(
             ended.push((problem, search));
         }
     }
-    Ok(Searched::Learned(learned))
+    Ok(learned)
 }
 
 /// The paper's name for a model.

@@ -62,14 +62,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (name, device) = named(&backend);
     super::tell!("backend {name}: {device}{why}");
     let checkpoint = Checkpoint::new(kept, &problem, &computed_by(&backend));
-    let mut search = taken_up(&checkpoint, fresh);
+    let mut search = taken_up(Some(&checkpoint), fresh);
 
     let stop = search::stop()?;
     let keeper = Keeper::new(&stop, Some(&checkpoint));
     let most = options.generations;
     let found = search::run(&mut search, &problem, &mut backend, most, &keeper)?;
     let Some((ended, winners)) = found else {
-        return stopped(&search, &keeper, Some(&checkpoint));
+        return Err(stopped(&search, &keeper, Some(&checkpoint)));
     };
 
     // The CPU may have taken over.
@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let map = map::learn(&mut search, &problem, &own, known.as_ref(), &telling);
         synergies.map = map.map_err(Failure::run)?;
         if synergies.map.is_none() {
-            return stopped(&search, &keeper, Some(&checkpoint));
+            return Err(stopped(&search, &keeper, Some(&checkpoint)));
         }
     }
     // What there is no room for now may have some later.

@@ -25,6 +25,8 @@ pub enum Failure {
     Input(String),
     /// Something failed: exit code 1.
     Run(String),
+    /// Somebody stopped it: exit code 130, as a shell has it for Ctrl-C.
+    Stopped(String),
 }
 
 impl Failure {
@@ -43,6 +45,7 @@ impl Failure {
         ExitCode::from(match self {
             Failure::Input(_) => 2,
             Failure::Run(_) => 1,
+            Failure::Stopped(_) => 130,
         })
     }
 }
@@ -50,7 +53,8 @@ impl Failure {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Failure::Input(text) | Failure::Run(text) => f.write_str(text),
+            Failure::Input(text) | Failure::Run(text) => write!(f, "sinew: {text}"),
+            Failure::Stopped(text) => f.write_str(text),
         }
     }
 }

@@ -86,8 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     printed?;
     if let Err(error @ PlayError::Stopped) = played {
-        super::tell!("{error}");
-        return Ok(ExitCode::from(130));
+        return Err(Failure::Stopped(error.to_string()));
     }
     let last = played.map_err(Failure::run)?;
     if last.mode == Mode::Stopped {

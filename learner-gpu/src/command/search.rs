@@ -2,7 +2,6 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -307,8 +306,11 @@ pub fn backend(
 /// What a checkpoint of the CPU says of where it began.
 const CPU: &str = "cpu";
 
-/// The search that a checkpoint holds, or a fresh one, and in words which of them.
-pub fn taken_up(checkpoint: &Checkpoint, fresh: Search) -> Search {
+/// The search that a checkpoint holds, or a fresh one where there is none, and in words which of them.
+pub fn taken_up(checkpoint: Option<&Checkpoint>, fresh: Search) -> Search {
+    let Some(checkpoint) = checkpoint else {
+        return fresh;
+    };
     match checkpoint.read() {
         Kept::Search(search) => {
             super::tell!(
@@ -330,21 +332,16 @@ pub fn taken_up(checkpoint: &Checkpoint, fresh: Search) -> Search {
 }
 
 /// What a command that was stopped ends with: what it has done is kept in the checkpoint, where it has one.
-pub fn stopped(
-    search: &Search,
-    keeper: &Keeper<'_>,
-    checkpoint: Option<&Checkpoint>,
-) -> Result<ExitCode, Failure> {
+pub fn stopped(search: &Search, keeper: &Keeper<'_>, checkpoint: Option<&Checkpoint>) -> Failure {
     match (keeper.unkept(), checkpoint) {
-        (Some(error), _) => return Err(Failure::run(format!("stopped, and not kept: {error}"))),
-        (None, Some(checkpoint)) => super::tell!(
+        (Some(error), _) => Failure::run(format!("stopped, and not kept: {error}")),
+        (None, Some(checkpoint)) => Failure::Stopped(format!(
             "stopped after generation {}, no result is written; the same command goes on from there ({})",
             search.generation,
             checkpoint.path().display()
-        ),
-        (None, None) => super::tell!("stopped, no result is written"),
+        )),
+        (None, None) => Failure::Stopped("stopped, no result is written".to_owned()),
     }
-    Ok(ExitCode::from(130))
 }
 
 /// Shows how a map is made: every step, and every few seconds how far it is.
