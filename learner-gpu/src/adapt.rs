@@ -4,7 +4,9 @@
 //! Where gains leave the inverse kinematics just so stable the distance is rugged: a hundredth of the bounds aside it may
 //! be ten times as great, and ripples along the valley's floor hold a descent, which sees slopes. Offspring drawn around a
 //! mean learn the valley's shape from nothing but which of them are better, and stride over ripples: with S_D and Jᵀ they end
-//! up to a tenth below the descents. Where the distance is smooth they gain nothing.
+//! up to a tenth below the descents. Where the distance is smooth they gain nothing. The more rugged it is, the more offspring
+//! a generation needs: ripples even out over them (Hansen and Kern 2004, *Evaluating the CMA Evolution Strategy on Multimodal
+//! Test Functions*).
 //!
 //! As in the tutorial, but that offspring beyond the bounds are put on them, which the covariance learns too; that its
 //! Cholesky factor does for its root (Krause, Arbonès and Igel 2016, *CMA-ES with Optimal Covariance Update and Storage
@@ -17,10 +19,9 @@ use sinew::real::Real;
 use crate::kernel::proposal::{Draws, GENE, MOST_GENES};
 use crate::lanes::{Instructions, dispatch};
 
-/// Offspring of a generation.
+/// Offspring of a generation, or, where it is the more rugged, of each half of one. The better half of a generation are the
+/// parents of the next.
 const OFFSPRING: usize = 32;
-/// Those of them that the next generation is drawn from, the best.
-const PARENTS: usize = OFFSPRING / 2;
 /// The first generation's standard deviation, as a share of the bounds.
 const FIRST_STEP: f64 = 0.02;
 /// It has arrived when so many generations have gained less than this share of the score,
@@ -42,19 +43,21 @@ const SCALE: f64 = 0.006_765_875_086_793_228;
 const FIRST_BLOCK: u32 = 1 << 16;
 
 /// The best point found from `from`, which is not among them, with its score. `scores` has some points' scores, in order.
-/// Points are shares of the bounds, of those that genes stand for. It gives up once it will hardly become better than
-/// `goal`, a score; infinity is no goal.
+/// Points are shares of the bounds, of those that genes stand for. Where `rugged`, generations are twice as large. It gives
+/// up once it will hardly become better than `goal`, a score; infinity is no goal.
 ///
 /// # Errors
 /// The first that `scores` ends with.
 pub fn adapt<E>(
     from: &[f32],
     draws: &Draws,
+    rugged: bool,
     goal: f64,
     mut scores: impl FnMut(&[Vec<f32>]) -> Result<Vec<f64>, E>,
 ) -> Result<(Vec<f32>, f64), E> {
-    let mut cloud = Cloud::new(from);
-    let mut offspring = vec![from.to_vec(); OFFSPRING];
+    let size = if rugged { 2 * OFFSPRING } else { OFFSPRING };
+    let mut cloud = Cloud::new(from, size / 2);
+    let mut offspring = vec![from.to_vec(); size];
     let mut best = (from.to_vec(), f64::INFINITY);
     let mut bests = Vec::new();
     for generation in 0..MOST_GENERATIONS {
@@ -78,7 +81,7 @@ pub fn adapt<E>(
         bests.push(best.1);
         let hope = goal * (1.0 + HOPE / bests.len() as f64);
         let hopeless = bests.len() >= FIRST_LOOK && best.1 > hope;
-        let parents = order.iter().map(|&(_, point)| &point[..]);
+        let parents = order.iter().take(size / 2).map(|&(_, point)| &point[..]);
         if even || idle || hopeless || !cloud.learn(&root, parents) || cloud.reach() < FINEST {
             break;
         }
@@ -99,15 +102,17 @@ struct Cloud {
     path: DVector<f64>,
     step_path: DVector<f64>,
     /// What each parent counts, the best first: 1 together.
-    weights: [f64; PARENTS],
+    weights: Vec<f64>,
     generation: i32,
 }
 
 impl Cloud {
-    fn new(from: &[f32]) -> Self {
+    /// Around a point, with so many parents in each generation.
+    fn new(from: &[f32], parents: usize) -> Self {
         let n = from.len();
-        let half = (OFFSPRING + 1) as f64 / 2.0;
-        let weights: [f64; PARENTS] = std::array::from_fn(|rank| (half / (rank + 1) as f64).ln());
+        let half = (2 * parents + 1) as f64 / 2.0;
+        let weight = |rank| (half / rank as f64).ln();
+        let weights: Vec<f64> = (1..=parents).map(weight).collect();
         let sum: f64 = weights.iter().sum();
         Cloud {
             mean: DVector::from_iterator(n, from.iter().map(|&share| share.into())),
@@ -115,7 +120,7 @@ impl Cloud {
             covariance: DMatrix::identity(n, n),
             path: DVector::zeros(n),
             step_path: DVector::zeros(n),
-            weights: weights.map(|weight| weight / sum),
+            weights: weights.iter().map(|weight| weight / sum).collect(),
             generation: 0,
         }
     }
@@ -137,20 +142,23 @@ impl Cloud {
         dispatch!(Level::new(), S => S::proof().vectorize(
             #[inline(always)]
             || {
-                let normal = normal(draws, generation, self.mean.len());
-                for (k, mean) in self.mean.iter().enumerate() {
-                    let mut shares = [*mean; OFFSPRING];
-                    // A has nothing above its diagonal.
-                    for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
-                        for (share, normal) in shares.iter_mut().zip(normal) {
-                            *share += self.step * root * normal;
+                let halves = offspring.len() / OFFSPRING;
+                for (half, offspring) in offspring.chunks_mut(OFFSPRING).enumerate() {
+                    let normal = normal(draws, generation * halves + half, self.mean.len());
+                    for (k, mean) in self.mean.iter().enumerate() {
+                        let mut shares = [*mean; OFFSPRING];
+                        // A has nothing above its diagonal.
+                        for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
+                            for (share, normal) in shares.iter_mut().zip(normal) {
+                                *share += self.step * root * normal;
+                            }
                         }
-                    }
-                    for (point, share) in offspring.iter_mut().zip(shares) {
-                        // The conversion puts what is below 0 on it.
-                        let gene = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
-                        // Exact: f32 holds every gene.
-                        point[k] = gene as f32 * (1.0 / GENE as f32);
+                        for (point, share) in offspring.iter_mut().zip(shares) {
+                            // The conversion puts what is below 0 on it.
+                            let gene = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
+                            // Exact: f32 holds every gene.
+                            point[k] = gene as f32 * (1.0 / GENE as f32);
+                        }
                     }
                 }
             },
@@ -162,13 +170,8 @@ impl Cloud {
         self.step * self.covariance.diagonal().max().sqrt()
     }
 
-    /// Moves to the first of the offspring, ordered from the best on, and learns from where they lie. False where that comes
-    /// to no number.
-    fn learn<'a>(
-        &mut self,
-        root: &DMatrix<f64>,
-        offspring: impl Iterator<Item = &'a [f32]>,
-    ) -> bool {
+    /// Moves to the parents, ordered from the best on, and learns from where they lie. False where that comes to no number.
+    fn learn<'a>(&mut self, root: &DMatrix<f64>, parents: impl Iterator<Item = &'a [f32]>) -> bool {
         // The numbers.
         let n = self.mean.len() as f64;
         let mu = 1.0 / self.weights.iter().map(|w| w * w).sum::<f64>();
@@ -181,9 +184,9 @@ impl Cloud {
         let expected = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
 
         // Steps from the mean, and the mean's own.
-        let mut steps = DMatrix::zeros(self.mean.len(), PARENTS);
+        let mut steps = DMatrix::zeros(self.mean.len(), self.weights.len());
         let mut moved = DVector::zeros(self.mean.len());
-        let parents = steps.column_iter_mut().zip(offspring).zip(&self.weights);
+        let parents = steps.column_iter_mut().zip(parents).zip(&self.weights);
         for ((mut step, point), weight) in parents {
             for ((step, share), mean) in step.iter_mut().zip(point).zip(self.mean.iter()) {
                 *step = (f64::from(*share) - mean) / self.step;
@@ -217,16 +220,16 @@ impl Cloud {
     }
 }
 
-/// A number of each of the offspring.
+/// A number of each of some offspring.
 type Row = [f64; OFFSPRING];
 
-/// A generation's independent numbers of mean 0 and variance 1, nearly normal, for `rows` parameters: sums of four uniform
-/// ones of 8 bits.
+/// Some offspring's independent numbers of mean 0 and variance 1, nearly normal, for `rows` parameters: sums of four uniform
+/// ones of 8 bits. `number` counts those that are drawn so.
 #[inline(always)]
-fn normal(draws: &Draws, generation: usize, rows: usize) -> [Row; MOST_GENES] {
+fn normal(draws: &Draws, number: usize, rows: usize) -> [Row; MOST_GENES] {
     const FOUR: usize = 4;
     let mut out = [[0.0; OFFSPRING]; MOST_GENES];
-    let first = FIRST_BLOCK + (generation * OFFSPRING * MOST_GENES / FOUR) as u32;
+    let first = FIRST_BLOCK + (number * OFFSPRING * MOST_GENES / FOUR) as u32;
     let fours = out.chunks_mut(FOUR).take(rows.div_ceil(FOUR));
     for (four, rows) in fours.enumerate() {
         for member in 0..OFFSPRING {
@@ -254,7 +257,7 @@ mod tests {
     };
 
     /// From the middle, a score of shares of the bounds.
-    fn found(score: impl Fn(&DVector<f64>) -> f64) -> (Vec<f32>, f64) {
+    fn found(rugged: bool, score: impl Fn(&DVector<f64>) -> f64) -> (Vec<f32>, f64) {
         let scores = |points: &[Vec<f32>]| {
             let each = points.iter().map(|point| {
                 let point = point.iter().map(|&share| f64::from(share));
@@ -262,7 +265,7 @@ mod tests {
             });
             Ok::<_, Infallible>(each.collect())
         };
-        adapt(&[0.5; 10], &DRAWS, f64::INFINITY, scores).unwrap()
+        adapt(&[0.5; 10], &DRAWS, rugged, f64::INFINITY, scores).unwrap()
     }
 
     #[test]
@@ -276,15 +279,17 @@ mod tests {
             (along * along + 1e4 * across * across).sqrt() + ripple
         };
         let middle = score(&DVector::from_element(10, 0.5));
-        let (point, least) = found(score);
         assert!(middle > 0.3);
-        assert!(least < 0.005, "{least}");
-        assert!(point.iter().all(|&share| share > 0.78));
+        for rugged in [false, true] {
+            let (point, least) = found(rugged, score);
+            assert!(least < 0.005, "{least}");
+            assert!(point.iter().all(|&share| share > 0.78));
+        }
     }
 
     #[test]
     fn a_best_beyond_the_bounds_is_found_on_them() {
-        let (point, least) = found(|at| {
+        let (point, least) = found(false, |at| {
             let beyond = at.add_scalar(-2.0);
             beyond.norm()
         });
@@ -300,15 +305,25 @@ mod tests {
             Ok::<_, Infallible>(vec![1.0; points.len()])
         };
         let from = [0.25; 3];
-        assert_eq!(adapt(&from, &DRAWS, f64::INFINITY, scores).unwrap().1, 1.0);
+        assert_eq!(
+            adapt(&from, &DRAWS, false, f64::INFINITY, scores)
+                .unwrap()
+                .1,
+            1.0
+        );
         assert_eq!(asked, OFFSPRING);
         assert_eq!(
-            adapt(&from, &DRAWS, f64::INFINITY, |_| Err("stop")),
+            adapt(&from, &DRAWS, false, f64::INFINITY, |_| Err("stop")),
             Err("stop")
         );
         // Scores that are no numbers.
         let scores = |points: &[Vec<f32>]| Ok::<_, Infallible>(vec![f64::NAN; points.len()]);
-        assert_eq!(adapt(&from, &DRAWS, f64::INFINITY, scores).unwrap().0, from);
+        assert_eq!(
+            adapt(&from, &DRAWS, false, f64::INFINITY, scores)
+                .unwrap()
+                .0,
+            from
+        );
     }
 
     #[test]
@@ -322,7 +337,7 @@ mod tests {
                 let far = points.iter().map(far);
                 Ok::<_, Infallible>(far.map(|far: f64| far + 0.1).collect())
             };
-            let (_, least) = adapt(&from, &DRAWS, goal, scores).unwrap();
+            let (_, least) = adapt(&from, &DRAWS, false, goal, scores).unwrap();
             (least, asked)
         };
         let (least, asked) = ends(f64::INFINITY);
@@ -333,8 +348,8 @@ mod tests {
 
     #[test]
     fn normal_numbers_have_mean_0_and_variance_1_and_are_independent() {
-        let columns = |generation| {
-            let rows = normal(&DRAWS, generation, 5);
+        let columns = |number| {
+            let rows = normal(&DRAWS, number, 5);
             std::array::from_fn::<_, OFFSPRING, _>(|member| rows.map(|row| row[member]))
         };
         let draws: Vec<_> = (0..625).flat_map(columns).collect();

@@ -53,7 +53,7 @@ impl Checkpoint {
     /// bits of every score.
     pub fn new(path: PathBuf, problem: &Problem, backend: &str) -> Self {
         // Debug prints every number with all its digits.
-        let identity = format!("9 {backend} {problem:?}");
+        let identity = format!("10 {backend} {problem:?}");
         Checkpoint { path, identity }
     }
 

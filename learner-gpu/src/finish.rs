@@ -8,7 +8,7 @@
 //!
 //! That is in `f32`, on the lanes, like all before. But NJᵀ swings about its target, and there the last bits of `f32` grow
 //! to some per cent of the distance: strides would learn `f32`'s ripples, which `f64` has elsewhere. Where the two differ so
-//! much, strides are in `f64`, on the lanes as well.
+//! much, strides are in `f64`, on the lanes as well, and have more offspring.
 
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Instant;

@@ -85,7 +85,7 @@ pub struct Strides<'a> {
     pub set: usize,
     /// Points of the bounds, each with draws of its own.
     pub starts: &'a [(Vec<f32>, Draws)],
-    /// What scores are in.
+    /// What scores are in: in `f64` where the distance is so rugged that `f32` is off.
     pub precision: Precision,
     /// The score that is to be beaten; infinity is no goal.
     pub goal: f64,
@@ -168,7 +168,7 @@ impl<'a> Landscape<'a> {
                 evaluations.fetch_add(offspring.len() as u64 * self.0.size(set), Ordering::Relaxed);
                 tape.get(generation - 1).cloned().ok_or(Stopped)
             };
-            adapt(from, draws, goal, scores).ok()
+            adapt(from, draws, precision == Precision::F64, goal, scores).ok()
         };
         tapes.resize(starts.len(), Tape::new());
         let starts = starts.par_iter().zip(tapes);
