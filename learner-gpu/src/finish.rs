@@ -8,7 +8,7 @@
 //!
 //! That is in `f32`, on the lanes, like all before. But NJᵀ swings about its target, and there the last bits of `f32` grow
 //! to some per cent of the distance: strides would learn `f32`'s ripples, which `f64` has elsewhere. Where the two differ so
-//! much, strides are in `f64`, on the lanes as well, and have more offspring.
+//! much, strides are in `f64`, on the lanes as well, and have more offspring; and what has won strides on with the others'.
 
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Instant;
@@ -269,8 +269,8 @@ impl<'a> Pool<'a> {
         Some(self.best())
     }
 
-    /// All but the first stride on as long as they may become better than it; the point that is best in `f64` then. None
-    /// where `stop` was set meanwhile.
+    /// All but the first stride on as long as they may become better than it, and where it is the most rugged the first
+    /// does, too: other draws may lead it on. The point that is best in `f64` then; none where `stop` was set meanwhile.
     fn visit(
         mut self,
         draws: impl Fn(usize) -> Draws,
@@ -278,7 +278,11 @@ impl<'a> Pool<'a> {
         count: &AtomicU64,
         stop: &AtomicBool,
     ) -> Option<Vec<f32>> {
-        let guests: Vec<usize> = (1..self.members.len()).collect();
+        let first = match self.precision {
+            Precision::F32 => 1,
+            Precision::F64 => 0,
+        };
+        let guests: Vec<usize> = (first..self.members.len()).collect();
         let goal = self.members.first().map_or(f64::INFINITY, |own| own.1);
         tapes.resize(1, Vec::new());
         self.go_on(&guests, goal, draws, &mut tapes[0], count, stop)?;
