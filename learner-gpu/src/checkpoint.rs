@@ -335,7 +335,7 @@ pub(crate) fn stopped_often<T>(
             return (done, gains);
         }
         if search.timeless() == before {
-            after += after / 4;
+            after += after / 10;
         } else {
             gains += 1;
         }

@@ -236,36 +236,25 @@ mod tests {
     use crate::kernel::score::Ready;
     use crate::problem::StepperKind;
     use crate::refine::Landscape;
-    use crate::task::{Arm, facing};
 
     /// A reach of the sample, made anew with known parameters.
     fn made(model: ModelKind, parameters: &[f64]) -> Problem {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let mut task = Task::new(&reaches[4], &arm, 60.0).unwrap();
-        let settings = Settings {
-            stepper: StepperKind::PseudoInverse,
-            model,
-            lambda: StepperKind::PseudoInverse.rate(),
-            rate_hz: 60.0,
-            clamped: false,
-        };
+        let mut problem = Problem::of_sample(&[4], StepperKind::PseudoInverse, model);
+        let task = &mut problem.tasks[0];
         let frames = task.reference.len();
         let mut reference = Vec::new();
-        let ready = Ready::<f64, 7>::new(&task).unwrap();
+        let ready = Ready::<f64, 7>::new(task).unwrap();
         let visit = |_, at: &sinew::kinematics::Kinematics<'_, f64, 7>, _: &[f64; 7]| {
             reference.push(at.landmarks().collect());
         };
         ready
-            .synthesise(&settings, parameters, frames, visit)
+            .synthesise(&problem.settings, parameters, frames, visit)
             .unwrap();
         task.reference = reference;
         Problem {
-            settings,
-            tasks: vec![task],
-            sets: vec![vec![0]],
             islands: 1,
             seed: 1,
+            ..problem
         }
     }
 

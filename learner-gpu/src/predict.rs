@@ -696,8 +696,7 @@ pub fn plan(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{ModelKind, Settings, StepperKind};
-    use crate::task::{Arm, facing};
+    use crate::problem::{ModelKind, StepperKind};
 
     /// Reaches whose paths are the same share of the way at the same share of the time, the elbow half of it.
     fn outset(target: Point, seconds: f64) -> Outset {
@@ -862,24 +861,11 @@ mod tests {
 
     /// Some of the shipped reaches, a set each.
     fn shipped(numbers: std::ops::Range<usize>) -> Problem {
-        let reaches = crate::sample::shipped().unwrap();
-        let arm = Arm::Human(facing(&reaches));
-        let stepper = StepperKind::PseudoInverse;
-        let tasks = reaches[numbers].iter();
-        let tasks = tasks.map(|reach| Task::new(reach, &arm, 60.0).unwrap());
-        let tasks: Vec<Task> = tasks.collect();
+        let numbers: Vec<usize> = numbers.collect();
         Problem {
-            settings: Settings {
-                stepper,
-                model: ModelKind::B,
-                lambda: stepper.rate(),
-                rate_hz: 60.0,
-                clamped: false,
-            },
-            sets: (0..tasks.len()).map(|set| vec![set]).collect(),
-            tasks,
             islands: 1,
             seed: 1,
+            ..Problem::of_sample(&numbers, StepperKind::PseudoInverse, ModelKind::B)
         }
     }
 
