@@ -46,10 +46,10 @@ struct Contents {
 }
 
 impl Contents {
-    /// Motions of the largest set.
-    fn most_motions(&self) -> u32 {
-        let each = self.places.chunks_exact(4).map(|place| place[3]);
-        each.max().unwrap_or(0)
+    /// Motions that each island is scored on.
+    fn motions_each(&self) -> Vec<u32> {
+        let places = self.places.chunks_exact(4);
+        places.map(|place| place[3]).collect()
     }
 
     /// A buffer above its limit: what it holds, its size and its limit in bytes.
@@ -78,13 +78,17 @@ pub(super) struct Group {
     pub islands: Range<usize>,
     /// Ticks that a generation of each takes.
     pub ticks: Vec<u64>,
-    /// Motions of the largest set.
+    /// Motions that each is scored on, and the most of these.
+    pub motions: Vec<u32>,
     pub most_motions: u32,
+    /// Islands, each on one motion, for whose scores there is room at once: as many as there are islands, at least.
+    pub slots: usize,
     /// With the population in the one buffer and the next generation in the other, and the other way round.
     pub bindings: [BindGroup; 2],
     pub run: Buffer,
     populations: [Buffer; 2],
     summaries: Buffer,
+    scored: Buffer,
 }
 
 impl Group {
@@ -109,14 +113,20 @@ impl Group {
         let mut first = 0;
         while first < islands.len() {
             let (contents, end) = gather(problem, motions, islands, first, &limits)?;
-            groups.push(Group::new(device, kernel, contents, first..end));
+            groups.push(Group::new(device, kernel, contents, first..end, limit));
             device.check()?;
             first = end;
         }
         Ok(groups)
     }
 
-    fn new(device: &Device, kernel: &Kernel, contents: Contents, islands: Range<usize>) -> Self {
+    fn new(
+        device: &Device,
+        kernel: &Kernel,
+        contents: Contents,
+        islands: Range<usize>,
+        limit: u64,
+    ) -> Self {
         let uniform = |label, size| {
             device.device.create_buffer(&BufferDescriptor {
                 label: Some(label),
@@ -143,6 +153,13 @@ impl Group {
             storage("islands", &contents.islands),
             device.storage("islands", contents.islands.len()),
         ];
+        let each = contents.motions_each();
+        let most_motions = each.iter().copied().max().unwrap_or(0);
+        // An island's scores take less than its genes, so there is always room for one motion.
+        let slots = (islands.len() as u64 * u64::from(most_motions))
+            .min(limit / (ISLAND as u64 * 4))
+            .max(1) as usize;
+        let scored = device.storage("scored", slots * ISLAND);
         let bindings = [0, 1].map(|at| {
             let buffers = [
                 &data,
@@ -151,6 +168,7 @@ impl Group {
                 &populations[at],
                 &populations[1 - at],
                 &summaries,
+                &scored,
             ];
             // A window on it that moves from generation to generation.
             let run = BindingResource::Buffer(BufferBinding {
@@ -172,12 +190,15 @@ impl Group {
         });
         Group {
             islands,
-            most_motions: contents.most_motions(),
+            motions: each,
+            most_motions,
             ticks: contents.ticks,
+            slots,
             bindings,
             run,
             populations,
             summaries,
+            scored,
         }
     }
 
@@ -242,26 +263,18 @@ impl Group {
         }
     }
 
-    /// The scores that `score_members` wrote into the buffer that the population, in the one of number `at`, is not in:
-    /// for each island, its members'.
+    /// What `score_members` wrote: the scores of so many islands' members on one motion, then on the next, for so many.
     ///
     /// # Errors
     /// The device is lost.
-    pub fn scores(
+    pub fn scored(
         &self,
         device: &Device,
-        genes: usize,
-        at: usize,
-    ) -> Result<Vec<Vec<f32>>, GpuError> {
-        let words = device.read(&self.populations[1 - at])?;
-        let each = words.chunks_exact(words_an_island(genes));
-        Ok(each
-            .take(self.islands.len())
-            .map(|words| {
-                let scores = words.iter().skip(words.len() - ISLAND);
-                scores.copied().map(f32::from_bits).collect()
-            })
-            .collect())
+        islands: usize,
+        motions: usize,
+    ) -> Result<Vec<f32>, GpuError> {
+        let words = device.read_part(&self.scored, 0..islands * motions * ISLAND)?;
+        Ok(words.into_iter().map(f32::from_bits).collect())
     }
 }
 

@@ -1,6 +1,5 @@
 //! The compiled kernel and how it is run.
 
-use std::cell::OnceCell;
 use std::ops::Range;
 
 use wgpu::{
@@ -15,7 +14,6 @@ use super::error::GpuError;
 use super::group::Group;
 use crate::kernel::compose::{Structure, compose};
 use crate::kernel::philox::key;
-use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 
 /// Generations in one submission, at most.
@@ -30,12 +28,26 @@ pub(super) const RUN_STRIDE: u64 = 256;
 /// What a dispatch does: an entry point of `anneal.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Proposes, scores and decides.
-    Attempt,
-    /// Sums up.
-    Settle,
-    /// Scores the members as they are.
+    /// Proposes.
+    Propose,
+    /// Scores what is proposed.
     Score,
+    /// Decides and sums up.
+    Settle,
+}
+
+impl Step {
+    /// A generation's, in their order.
+    pub const ALL: [Step; 3] = [Step::Propose, Step::Score, Step::Settle];
+
+    /// The entry point.
+    fn entry(self) -> &'static str {
+        match self {
+            Step::Propose => "propose_members",
+            Step::Score => "score_members",
+            Step::Settle => "settle",
+        }
+    }
 }
 
 /// What of a group's work is done at once.
@@ -54,12 +66,8 @@ pub(super) struct Part {
 /// The kernel for one problem.
 pub(super) struct Kernel {
     pub layout: BindGroupLayout,
-    module: ShaderModule,
-    pipelines: PipelineLayout,
-    attempt: ComputePipeline,
-    settle: ComputePipeline,
-    /// Compiled when it is asked for, which a search never does.
-    score: OnceCell<ComputePipeline>,
+    /// Of each of [`Step::ALL`].
+    pipelines: [ComputePipeline; 3],
     /// Whether `data` is a uniform buffer.
     pub window: bool,
     seed: u64,
@@ -89,24 +97,19 @@ impl Kernel {
         });
         device.check()?;
         let layout = layout(device, window);
-        let pipelines = device
+        let layouts = device
             .device
             .create_pipeline_layout(&PipelineLayoutDescriptor {
                 label: Some("kernel"),
                 bind_group_layouts: &[Some(&layout)],
                 ..PipelineLayoutDescriptor::default()
             });
-        let [attempt, settle] =
-            ["attempt", "settle"].map(|entry| pipeline(device, &module, &pipelines, entry));
+        let pipelines = Step::ALL.map(|step| pipeline(device, &module, &layouts, step.entry()));
         device.check()?;
         let dt = problem.settings.dt() as f32;
         Ok(Kernel {
             layout,
-            module,
             pipelines,
-            attempt,
-            settle,
-            score: OnceCell::new(),
             window,
             seed: problem.seed,
             gain: problem.settings.lambda as f32 * dt,
@@ -117,11 +120,6 @@ impl Kernel {
                 .max_compute_workgroups_per_dimension
                 .max(1),
         })
-    }
-
-    fn score(&self, device: &Device) -> &ComputePipeline {
-        let compiled = || pipeline(device, &self.module, &self.pipelines, "score_members");
-        self.score.get_or_init(compiled)
     }
 
     /// Runs these steps on a part of a group, for each generation in turn, and waits.
@@ -166,13 +164,12 @@ impl Kernel {
             for turn in 0..part.generations.len() as u32 {
                 let bindings = &group.bindings[(part.at + turn as usize) % 2];
                 pass.set_bind_group(0, bindings, &[turn * RUN_STRIDE as u32]);
-                for step in steps {
-                    let (pipeline, workgroups) = match step {
-                        Step::Attempt => (&self.attempt, count),
-                        Step::Settle => (&self.settle, count.div_ceil(ISLAND as u32)),
-                        Step::Score => (self.score(device), count),
+                for &step in steps {
+                    let workgroups = match step {
+                        Step::Score => count * part.motions.len() as u32,
+                        Step::Propose | Step::Settle => count,
                     };
-                    pass.set_pipeline(pipeline);
+                    pass.set_pipeline(&self.pipelines[step as usize]);
                     pass.dispatch_workgroups(
                         columns.min(workgroups),
                         workgroups.div_ceil(columns),
@@ -200,7 +197,11 @@ fn pipeline(
             layout: Some(layout),
             module,
             entry_point: Some(entry),
-            compilation_options: PipelineCompilationOptions::default(),
+            compilation_options: PipelineCompilationOptions {
+                // Nothing is read there that was not written before.
+                zero_initialize_workgroup_memory: false,
+                ..PipelineCompilationOptions::default()
+            },
             cache: None,
         })
 }
@@ -226,6 +227,6 @@ fn layout(device: &Device, window: bool) -> BindGroupLayout {
         .device
         .create_bind_group_layout(&BindGroupLayoutDescriptor {
             label: Some("group"),
-            entries: &(0..7).map(entry).collect::<Vec<_>>(),
+            entries: &(0..8).map(entry).collect::<Vec<_>>(),
         })
 }

@@ -1,6 +1,6 @@
 //! The search on a GPU: the whole population lives on the device and is annealed there, many generations a submission.
 //!
-//! A workgroup is an island, a thread a member. The kernel is composed for the problem's arms, stepper and model
+//! A workgroup is an island on one of its motions, a thread a member. The kernel is composed for the problem's arms, stepper and model
 //! ([`crate::kernel::compose`]) and runs on whatever wgpu finds: Vulkan (lavapipe too, on the CPU), Metal, Direct3D 12.
 //! The host sees the population only when it asks for it.
 //!
@@ -30,8 +30,11 @@ use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
 use device::Device;
 use group::Group;
-use motions::{Motions, most_frames};
+use motions::Motions;
 use pace::Pace;
+
+/// Motions that are scored at once, at most: what adds their scores up is in a loop, of which lavapipe makes 65,535 turns.
+const MOST_MOTIONS: u32 = 60_000;
 
 /// A problem's population on a device.
 pub struct Gpu {
@@ -48,8 +51,6 @@ pub struct Gpu {
     pace: Pace,
     /// Frames of the longest motion.
     longest: u64,
-    /// Motions of a set that a dispatch scores, at most.
-    most_motions: u32,
     preparation: Duration,
 }
 
@@ -95,19 +96,18 @@ impl Gpu {
             limit,
             pace: Pace::new(),
             longest: 0,
-            most_motions: 1,
             preparation: Duration::ZERO,
         };
         gpu.fill(problem, &motions, islands)?;
         if let Some(group) = gpu.groups.first() {
-            // Drivers compile at the first dispatch: an attempt that is never settled gets that over with.
+            // Drivers compile at the first dispatch: proposals that nobody decides on get that over with.
             let part = Part {
                 islands: 0..1,
                 generations: 0..1,
                 motions: 0..1,
                 at: gpu.at,
             };
-            gpu.run(group, part, &[Step::Attempt])?;
+            gpu.run(group, part, &[Step::Propose, Step::Score])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
@@ -139,15 +139,12 @@ impl Gpu {
         )?;
         let frames = motions.each.iter().map(|motion| u64::from(motion.frames));
         self.longest = frames.max().unwrap_or(0).max(1);
-        // A turn of a loop for each frame, and one to leave it.
-        let most_frames = most_frames(problem.settings.stepper) as u64;
-        self.most_motions = (most_frames / (self.longest + 1)).max(1) as u32;
         for group in &self.groups {
-            // As if the population had just come out of a generation.
+            // As if the population had just come out of a generation, scores and all.
             let part = Part {
                 islands: 0..group.islands.len(),
                 generations: 0..1,
-                motions: 0..1,
+                motions: 0..0,
                 at: 1,
             };
             self.run(group, part, &[Step::Settle])?;
@@ -182,9 +179,16 @@ impl Gpu {
         let ticks: u64 = self.groups.iter().flat_map(|group| &group.ticks).sum();
         let mut at = from;
         while at < to && !is_due() {
-            let generations = self.pace.generations(ticks).min(MOST_GENERATIONS);
-            let next = to.min(at.saturating_add(generations));
-            self.everywhere(at..next, &[Step::Attempt, Step::Settle])?;
+            let generations = self.pace.generations(ticks, self.longest);
+            let next = to.min(at.saturating_add(generations.min(MOST_GENERATIONS)));
+            self.everywhere(at..next, |gpu, group, part| {
+                // Proposals are made once, and scored on some motions after others.
+                let steps = match part.motions.start {
+                    0 => &Step::ALL[..],
+                    _ => &Step::ALL[1..],
+                };
+                gpu.run(group, part, steps)
+            })?;
             self.at = (self.at + (next - at) as usize) % 2;
             self.generation = next;
             at = next;
@@ -214,61 +218,82 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn scores(&mut self) -> Result<Vec<Vec<f32>>, GpuError> {
-        self.everywhere(0..1, &[Step::Score])?;
-        self.gathered(|group| group.scores(&self.device, self.genes, self.at))
+        let count = self.groups.last().map_or(0, |group| group.islands.end);
+        let mut scores = vec![vec![0.0; ISLAND]; count];
+        self.everywhere(0..1, |gpu, group, part| {
+            // As if they were the proposals.
+            let turned = Part {
+                at: 1 - part.at,
+                ..part.clone()
+            };
+            gpu.run(group, turned, &[Step::Score])?;
+            let (islands, motions) = (part.islands.len(), part.motions.len());
+            let scored = group.scored(&gpu.device, islands, motions)?;
+            for (motion, scored) in part.motions.zip(scored.chunks(islands * ISLAND)) {
+                for (island, scored) in part.islands.clone().zip(scored.chunks(ISLAND)) {
+                    let motions = group.motions[island];
+                    if motion >= motions {
+                        continue;
+                    }
+                    let sums = &mut scores[group.islands.start + island];
+                    for (sum, score) in sums.iter_mut().zip(scored) {
+                        *sum += score;
+                        if motion + 1 == motions {
+                            *sum /= motions as f32;
+                        }
+                    }
+                }
+            }
+            Ok(())
+        })?;
+        Ok(scores)
     }
 
-    /// Runs these steps for these generations on all islands, as many at once as the pace allows. Where one island's
-    /// motions are too many, a dispatch scores a part of them; the parts' sums are added up in the motions' order.
-    fn everywhere(&mut self, generations: Range<u32>, steps: &[Step]) -> Result<(), GpuError> {
+    /// Has work done for these generations on all islands, part by part, each as large as the pace allows. Where one
+    /// island's motions are too many for a part, each has some of them, in their order.
+    fn everywhere(
+        &mut self,
+        generations: Range<u32>,
+        mut work: impl FnMut(&Self, &Group, Part) -> Result<(), GpuError>,
+    ) -> Result<(), GpuError> {
+        let (mut pace, begin) = (self.pace, generations.start);
         for group in &self.groups {
             let mut first = 0;
             while let Some(left) = group.ticks.get(first..).filter(|left| !left.is_empty()) {
-                // Many islands before many motions: these come one after the other in a thread.
-                let deep = generations.len() as u64 * self.longest;
-                let count = self.pace.islands(left.len(), deep * ISLAND as u64);
+                let an_island = generations.len() as u64 * self.longest * ISLAND as u64;
+                let count = pace.islands(left.len(), an_island);
                 let islands = first..first + count;
                 first += count;
                 let ticks: u64 = left.iter().take(count).sum();
-                let at_once = self.pace.motions(self.longest, (count * ISLAND) as u64);
-                let at_once = at_once.min(self.most_motions);
-                let all = Part {
-                    islands,
-                    generations: generations.clone(),
-                    motions: 0..group.most_motions,
-                    at: self.at,
+                let at_once = pace
+                    .motions(count as u64 * an_island)
+                    .min((group.slots / count) as u32)
+                    .clamp(1, MOST_MOTIONS);
+                // Parts of the motions: one generation after the other.
+                let turns = match at_once >= group.most_motions {
+                    true => vec![generations.clone()],
+                    false => generations.clone().map(|one| one..one + 1).collect(),
                 };
-                if at_once >= group.most_motions {
-                    let began = Instant::now();
-                    self.run(group, all, steps)?;
-                    let ran = ticks * generations.len() as u64;
-                    let deep = deep * u64::from(group.most_motions);
-                    self.pace.measured(ran, deep, began.elapsed());
-                    continue;
-                }
-                for (turn, generation) in generations.clone().enumerate() {
-                    for begin in (0..group.most_motions).step_by(at_once as usize) {
-                        let end = group.most_motions.min(begin + at_once);
-                        // What comes after scoring comes once.
-                        let steps = match end == group.most_motions {
-                            true => steps,
-                            false => &steps[..1],
-                        };
+                for generations in turns {
+                    for first in (0..group.most_motions).step_by(at_once as usize) {
+                        let motions = first..group.most_motions.min(first + at_once);
+                        let share = motions.len() as u64 * ticks / u64::from(group.most_motions);
                         let part = Part {
-                            generations: generation..generation + 1,
-                            motions: begin..end,
-                            at: self.at + turn,
-                            ..all.clone()
+                            islands: islands.clone(),
+                            at: self.at + (generations.start - begin) as usize,
+                            generations: generations.clone(),
+                            motions,
                         };
                         let began = Instant::now();
-                        self.run(group, part, steps)?;
-                        let share = u64::from(end - begin) * ticks / u64::from(group.most_motions);
-                        let deep = u64::from(end - begin) * self.longest;
-                        self.pace.measured(share, deep, began.elapsed());
+                        work(self, group, part)?;
+                        let deep = generations.len() as u64 * self.longest;
+                        let ran = share * generations.len() as u64;
+                        pace.measured(ran, deep, began.elapsed());
                     }
                 }
             }
         }
+        self.pace = pace;
         Ok(())
     }
 

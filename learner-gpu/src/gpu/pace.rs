@@ -9,7 +9,7 @@ const AIM: f64 = 0.04;
 /// Nothing is known yet: little enough for a slow device.
 const FIRST: f64 = 400_000.0;
 
-/// And this many ticks one after the other, of one thread.
+/// And this many ticks one after the other.
 const FIRST_DEEP: f64 = 4_000.0;
 
 /// A device's speed as seen so far.
@@ -17,7 +17,7 @@ const FIRST_DEEP: f64 = 4_000.0;
 pub(super) struct Pace {
     /// Ticks of a dispatch as long as it is meant to be: what a device that is full computes.
     ticks: f64,
-    /// Ticks of one of its threads: on a device that is not full they decide how long it takes.
+    /// Ticks of it that come one after the other: on a device that is not full they decide how long it takes.
     deep: f64,
 }
 
@@ -38,9 +38,10 @@ impl Pace {
         }
     }
 
-    /// How many generations of so many ticks to run at once: at least one.
-    pub fn generations(&self, ticks: u64) -> u32 {
-        (self.ticks / ticks.max(1) as f64).clamp(1.0, 10_000.0) as u32
+    /// How many generations of so many ticks, of which so many come one after the other, to run at once: at least one.
+    pub fn generations(&self, ticks: u64, deep: u64) -> u32 {
+        let fit = (self.ticks / ticks.max(1) as f64).min(self.deep / deep.max(1) as f64);
+        fit.clamp(1.0, 10_000.0) as u32
     }
 
     /// How many islands of so many to run at once, where one motion of each takes so many ticks at most: at least one.
@@ -49,16 +50,13 @@ impl Pace {
         (fit as usize).clamp(1, count.max(1))
     }
 
-    /// How many motions of a set to score at once, where one takes so many frames and there are so many threads: at least
-    /// one.
-    pub fn motions(&self, frames: u64, threads: u64) -> u32 {
-        let frames = frames.max(1) as f64;
-        let fit = (self.ticks / (frames * threads.max(1) as f64)).min(self.deep / frames);
-        fit.clamp(1.0, 1e9) as u32
+    /// How many of the islands' motions to run at once, where one takes so many ticks: at least one.
+    pub fn motions(&self, ticks: u64) -> u32 {
+        (self.ticks / ticks.max(1) as f64).clamp(1.0, 1e9) as u32
     }
 
-    /// Learns from a dispatch, of so many ticks, of which one thread had so many. The pace rises step by step: a small
-    /// dispatch says little of a large one.
+    /// Learns from what ran at once, so many ticks, of which so many came one after the other. The pace rises step by
+    /// step: little says little of much.
     pub fn measured(&mut self, ticks: u64, deep: u64, took: Duration) {
         let full = AIM / took.as_secs_f64().max(1e-5);
         let learned = |now: f64, ran: u64| (ran as f64 * full).clamp(now / 4.0, now * 4.0);
@@ -77,8 +75,8 @@ mod tests {
         let mut pace = Pace::new();
         let mut ran = 0;
         for _dispatch in 0..20 {
-            ran = u64::from(pace.generations(1_000)) * 1_000;
-            pace.measured(ran, ran, Duration::from_secs_f64(ran as f64 / 10e6));
+            ran = u64::from(pace.generations(1_000, 10)) * 1_000;
+            pace.measured(ran, ran / 100, Duration::from_secs_f64(ran as f64 / 10e6));
         }
         assert!((380_000..=400_000).contains(&ran), "{ran}");
     }
@@ -86,11 +84,11 @@ mod tests {
     #[test]
     fn a_generation_too_long_for_one_dispatch_is_split_by_islands_and_then_by_motions() {
         let pace = Pace::new();
-        assert_eq!(pace.generations(1_500_000), 1);
+        assert_eq!(pace.generations(1_500_000, 50), 1);
         assert_eq!(pace.islands(10, 150_000), 2);
         assert_eq!(pace.islands(1, 1_000_000), 1);
         // 128 threads, 50 frames a motion.
-        assert_eq!(pace.motions(50, 128), 62);
+        assert_eq!(pace.motions(128 * 50), 62);
     }
 
     #[test]
@@ -99,7 +97,7 @@ mod tests {
         let mut pace = Pace::new();
         let mut deep = 0;
         for _dispatch in 0..20 {
-            deep = u64::from(pace.motions(50, 64)) * 50;
+            deep = u64::from(pace.generations(50 * 64, 50)) * 50;
             pace.measured(deep * 64, deep, Duration::from_secs_f64(deep as f64 * 1e-5));
         }
         assert_eq!(deep, 4_000);
@@ -107,6 +105,6 @@ mod tests {
         for _dispatch in 0..20 {
             pace.measured(1_000_000_000, 100, Duration::from_secs_f64(1e-3));
         }
-        assert_eq!(pace.motions(50, 64) * 50, 4_000);
+        assert_eq!(pace.generations(50 * 64, 50) * 50, 4_000);
     }
 }

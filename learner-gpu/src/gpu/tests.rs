@@ -477,7 +477,7 @@ fn a_thousand_motions_of_200_frames_run_in_default_limits() {
     gpu.advance(0, 1, never).unwrap();
     same_scores(&mut gpu, &problem, &[0, 1, 500, 999]);
 
-    // One vector for all of them: more frames than a thread may run in a dispatch, and than fit a window.
+    // One vector for all of them: more than fit a window.
     problem.sets = vec![(0..1000).collect()];
     let mut gpu = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
     assert!(!gpu.kernel.window);
@@ -495,13 +495,14 @@ fn a_set_whose_motions_are_scored_in_parts_ends_with_the_same_bits() {
     let whole = ran(&problem, &[12]);
     for most in [1, 2, 4] {
         let mut split = Gpu::new(&problem, &fresh(&problem), Which::Best).unwrap();
-        split.most_motions = most;
+        let islands = split.groups[0].islands.len();
+        split.groups[0].slots = most * islands;
         split.advance(0, 12, never).unwrap();
         assert_eq!(split.islands().unwrap(), whole, "{most} at once");
-        // Another pipeline: its driver may fuse other operations.
+        // The sums are the host's here, whose divisions may round otherwise.
         for (scored, island) in split.scores().unwrap().iter().zip(&whole) {
             for (again, score) in scored.iter().zip(&island.scores) {
-                assert!((again / score - 1.0).abs() < 1e-4, "{again} {score}");
+                assert!((again / score - 1.0).abs() < 1e-6, "{again} {score}");
             }
         }
     }

@@ -1,9 +1,10 @@
 // A generation of one island: propose, score, accept (SPEC section 6). Mirror of anneal.rs.
 //
-// A generation is two dispatches. `attempt`, of a workgroup for each island and a thread for each member, proposes,
-// scores, decides, and writes the members to where the next generation looks for them: what another member may still
-// look at stays. `settle`, of a thread for each island, sums up. With a barrier between the two in one dispatch lavapipe
-// takes twice as long: it keeps all that lives across a barrier in memory, the whole time.
+// A generation is three dispatches, of a thread for each member: `propose_members` writes what members are to become to
+// where the next generation looks for them, while what another member may still look at stays; `score_members` scores
+// that, with a workgroup for each island and each of its motions, so that a vector for many motions keeps a device as busy
+// as many vectors; `settle` adds the motions' scores up in their order, decides, and sums the island up. The hot one has no
+// barrier: with one lavapipe takes twice as long, for it keeps all that lives across a barrier in memory, the whole time.
 
 /// The score of a member that has none yet.
 const UNSCORED = 1e30;
@@ -28,7 +29,8 @@ struct Run {
     dt: f32,
     /// 0, which the compiler does not know: see `kept`.
     nothing: u32,
-    /// The first of each set's motions that this dispatch scores, and how many: a part, where a set would take long.
+    /// The first of each set's motions that are scored at once, and how many: a part, where a set would take long. None
+    /// where members have come with their scores.
     first_motion: u32,
     motions: u32,
 }
@@ -68,41 +70,75 @@ struct Summary {
 @group(0) @binding(4) var<storage, read> members: array<Members>;
 @group(0) @binding(5) var<storage, read_write> next: array<Members>;
 @group(0) @binding(6) var<storage, read_write> summaries: array<Summary>;
+/// The scores of what is proposed, motion after motion of those that are scored at once: of each island, its members'.
+@group(0) @binding(7) var<storage, read_write> scored: array<array<f32, ${island}>>;
 
-/// The island that this workgroup is, counted from the dispatch's first; too large in the last row's rest.
+/// The members' scores, for the thread that sums them up.
+var<workgroup> settled: array<f32, ${island}>;
+
+/// Which workgroup of the dispatch this is; too large in the last row's rest.
 fn number(workgroup: vec3u) -> u32 {
     return workgroup.y * run.columns + workgroup.x;
 }
 
-/// Whether a set has none of the motions that this dispatch scores.
+/// Whether a set has none of the motions that are scored at once, though it has earlier ones.
 fn is_done(place: Place) -> bool {
     return (run.first_motion > 0u) & (run.first_motion >= place.motions);
 }
 
-/// Whether a set's last motion is among those that this dispatch scores.
-fn is_last(place: Place) -> bool {
-    return place.motions <= run.first_motion + run.motions;
+/// What this member draws in this generation.
+fn draws_of(place: Place, me: u32) -> Draws {
+    return Draws(run.seed, place.set_number, place.island * ISLAND + me, run.generation);
 }
 
-/// The mean over the set's motions; the sum so far, where some are left for later dispatches. `before` is the sum of
-/// those of earlier ones.
-fn score(place: Place, genes: Genes, before: f32) -> f32 {
+/// Proposes.
+@compute @workgroup_size(${island})
+fn propose_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
+    if number(workgroup) >= run.islands {
+        return;
+    }
+    let which = run.first_island + number(workgroup);
+    let draws = draws_of(places[which], me);
+    var genes: Genes;
+    if run.generation == 0u {
+        genes = first(draws);
+    } else {
+        genes = propose(draws, block(draws, 0u), which, me, summaries[which].best & ((1u << BEST_BITS) - 1u));
+    }
+    //% for four in range(gene_fours)
+    next[which].genes[${four}][me] = genes[${four}];
+    //% endfor
+}
+
+/// Scores what is proposed, one of the motions.
+@compute @workgroup_size(${island})
+fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
+    // Islands next to each other run the same motion, or one as long.
+    let motion = number(workgroup) / run.islands;
+    if motion >= run.motions {
+        return;
+    }
+    let which = run.first_island + number(workgroup) % run.islands;
+    let place = places[which];
+    if run.first_motion + motion >= place.motions {
+        return;
+    }
+    //% for four in range(gene_fours)
+    let four_${four} = next[which].genes[${four}][me];
+    //% endfor
     let parameters = Parameters(
         //% for bound in bounds
-        parameter(genes[${loop.index0 // 4}][${loop.index0 % 4}], ${bound[0]}, ${bound[1]}),
+        parameter(four_${loop.index0 // 4}[${loop.index0 % 4}], ${bound[0]}, ${bound[1]}),
         //% endfor
     );
-    var sum = before;
-    let end = min(run.first_motion + run.motions, place.motions);
-    for (var k = run.first_motion; k < end; k++) {
-        sum = sum + score_motion(motions[place.first_motion + k], parameters);
-    }
-    return select(sum, sum / f32(place.motions), is_last(place));
+    scored[number(workgroup)][me] = score_motion(motions[place.first_motion + run.first_motion + motion], parameters);
 }
 
-/// Proposes, scores and decides.
+/// Adds up what is scored. With a set's last motion it decides, and sums the island up for the next generation: the best
+/// ever, the member with the least score (of those as good as each other, the first), the mean, and the temperature: the
+/// mean less the least, over the number of parameters.
 @compute @workgroup_size(${island})
-fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
+fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
     if number(workgroup) >= run.islands {
         return;
     }
@@ -111,49 +147,40 @@ fn attempt(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     if is_done(place) {
         return;
     }
-    let draws = Draws(run.seed, place.set_number, place.island * ISLAND + me, run.generation);
-    let own = block(draws, 0u);
-    var genes: Genes;
-    var before = 0.0;
-    if run.first_motion > 0u {
-        // What earlier dispatches scored a part of.
-        //% for four in range(gene_fours)
-        genes[${four}] = next[which].genes[${four}][me];
-        //% endfor
-        before = next[which].scores[me];
-    } else if run.generation == 0u {
-        genes = first(draws);
-    } else {
-        genes = propose(draws, own, which, me, summaries[which].best & ((1u << BEST_BITS) - 1u));
+    var score = next[which].scores[me];
+    if run.motions > 0u {
+        if run.first_motion == 0u {
+            score = 0.0;
+        }
+        let end = min(run.motions, place.motions - run.first_motion);
+        for (var motion = 0u; motion < end; motion++) {
+            score = score + scored[motion * run.islands + number(workgroup)][me];
+        }
+        if run.first_motion + end < place.motions {
+            next[which].scores[me] = score;
+            return;
+        }
+        score = score / f32(place.motions);
+        let current = members[which].scores[me];
+        let draw = block(draws_of(place, me), 0u)[2];
+        if !accepts(current, score, summaries[which].temperature, draw) {
+            score = current;
+            //% for four in range(gene_fours)
+            next[which].genes[${four}][me] = members[which].genes[${four}][me];
+            //% endfor
+        }
+        next[which].scores[me] = score;
     }
-    var new_score = score(place, genes, before);
-    let current = members[which].scores[me];
-    if is_last(place) & !accepts(current, new_score, summaries[which].temperature, own[2]) {
-        new_score = current;
-        //% for four in range(gene_fours)
-        genes[${four}] = members[which].genes[${four}][me];
-        //% endfor
-    }
-    next[which].scores[me] = new_score;
-    //% for four in range(gene_fours)
-    next[which].genes[${four}][me] = genes[${four}];
-    //% endfor
-}
-
-/// Sums an island up for the next generation: the best ever, the member with the least score (of those as good as each
-/// other, the first), the mean, and the temperature: the mean less the least, over the number of parameters.
-@compute @workgroup_size(${island})
-fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
-    let island = number(workgroup) * ISLAND + me;
-    if island >= run.islands {
+    settled[me] = score;
+    workgroupBarrier();
+    if me > 0u {
         return;
     }
-    let which = run.first_island + island;
     var best = 0u;
     var least_score = UNSCORED;
     var sum = 0.0;
     for (var member = 0u; member < ISLAND; member++) {
-        let score = next[which].scores[member];
+        let score = settled[member];
         sum = sum + score;
         if score < least_score {
             least_score = score;
@@ -171,26 +198,4 @@ fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
         summaries[which].best_genes[${four}] = next[which].genes[${four}][best];
         //% endfor
     }
-}
-
-/// Scores the members as they are, and changes nothing of them.
-@compute @workgroup_size(${island})
-fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) me: u32) {
-    if number(workgroup) >= run.islands {
-        return;
-    }
-    let which = run.first_island + number(workgroup);
-    let place = places[which];
-    if is_done(place) {
-        return;
-    }
-    var genes: Genes;
-    //% for four in range(gene_fours)
-    genes[${four}] = members[which].genes[${four}][me];
-    //% endfor
-    var before = 0.0;
-    if run.first_motion > 0u {
-        before = next[which].scores[me];
-    }
-    next[which].scores[me] = score(place, genes, before);
 }
