@@ -208,14 +208,23 @@ impl<T: Real, const N: usize> Kinematics<'_, T, N> {
     /// have.
     #[inline(always)]
     pub fn distance(&self, landmarks: impl IntoIterator<Item = Vec3<T>>) -> T {
+        self.distance_beyond(0, landmarks)
+    }
+
+    /// [`distance`](Self::distance) where the first `still` landmarks are known to be where the other posture has them:
+    /// they count, and cost nothing. A shoulder, which no joint moves, is one of them.
+    #[inline(always)]
+    pub fn distance_beyond(&self, still: usize, landmarks: impl IntoIterator<Item = Vec3<T>>) -> T {
         let mut others = landmarks.into_iter();
         let mut sum = T::zero();
         let mut count = 0;
-        for &joint in &self.chain.landmarks {
+        for (k, &joint) in self.chain.landmarks.iter().enumerate() {
             if let (Some(&point), Some(other)) =
                 (self.origin.get(usize::from(joint)), others.next())
             {
-                sum = sum + distance(point, other);
+                if k >= still {
+                    sum = sum + distance(point, other);
+                }
                 count += 1;
             }
         }

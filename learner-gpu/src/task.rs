@@ -2,7 +2,7 @@
 //! that the recorded arm is (SPEC section 5).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
-use sinew::chain::Chain;
+use sinew::chain::{Chain, Kind, Link};
 use sinew::real::Real;
 use sinew::target::Position;
 
@@ -146,6 +146,26 @@ impl Task {
             found: self.initial.len(),
         })?;
         Ok(posture.map(T::of))
+    }
+
+    /// How many landmarks, from the first on, no joint moves and are recorded where they are: 1 where the first is a shoulder,
+    /// which is at the origin by definition. What is known to be 0 apart need not be compared.
+    ///
+    /// # Errors
+    /// A chain of another size.
+    pub fn still<const N: usize>(&self) -> Result<usize, TaskError> {
+        let chain = self.chain.build::<N>()?;
+        let turns = |link: &Link<f64>| link.kind == Kind::Revolute;
+        let stays = chain.landmarks().next() == Some(0) && chain.links().first().is_some_and(turns);
+        // In single precision as well.
+        let coarse: Chain<f32, N> = chain.cast();
+        let at = chain.forward(&[0.0; N]).landmarks().next();
+        let there = coarse.forward(&[0.0; N]).landmarks().next();
+        let same = |frame: &Vec<Point>| {
+            let recorded = frame.first().copied();
+            recorded == at && recorded.map(|point| point.map(|x| x as f32)) == there
+        };
+        Ok(usize::from(stays && self.reference.iter().all(same)))
     }
 
     /// The recorded motion as joint vectors: for each frame that within limits whose landmarks are nearest, found from

@@ -66,7 +66,10 @@ impl Motions {
             .iter()
             .map(|task| Ok(task.chain.build::<N>().map_err(TaskError::from)?.cast()))
             .collect::<Result<Vec<Chain<f32, N>>, GpuError>>()?;
-        let structure = Structure::new(&chains, &method)?;
+        let still = problem.tasks.iter().map(Task::still::<N>);
+        let still = still.collect::<Result<Vec<_>, _>>()?;
+        let still = still.into_iter().min().unwrap_or(0);
+        let structure = Structure::new(&chains, &method)?.beyond(still);
         let most = most_frames(settings.stepper);
         let long = |task: &&Task| task.reference.len() > most;
         if let Some(task) = problem.tasks.iter().find(long) {

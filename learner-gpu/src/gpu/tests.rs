@@ -630,7 +630,8 @@ fn sine_cosine_and_exponential_are_the_cores() {
         ]);
     }
     let found = probed(
-        "let i = 4u * at.x;
+        "nothing = run.nothing;
+        let i = 4u * at.x;
         let turn = sin_cos_within(bitcast<f32>(words[i]));
         words[i] = bitcast<u32>(turn.sin);
         words[i + 1u] = bitcast<u32>(turn.cos);

@@ -27,7 +27,7 @@ struct Run {
     gain: f32,
     /// The period, seconds.
     dt: f32,
-    /// 0, which the compiler does not know: see `kept`.
+    /// 0: see `kept`.
     nothing: u32,
     /// The first of each set's motions that are scored at once, and how many: a part, where a set would take long. None
     /// where members have come with their scores.
@@ -118,6 +118,7 @@ fn score_members(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
     if motion >= run.motions {
         return;
     }
+    nothing = run.nothing;
     let which = run.first_island + number(workgroup) % run.islands;
     let place = places[which];
     if run.first_motion + motion >= place.motions {
@@ -142,6 +143,7 @@ fn settle(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_ind
     if number(workgroup) >= run.islands {
         return;
     }
+    nothing = run.nothing;
     let which = run.first_island + number(workgroup);
     let place = places[which];
     if is_done(place) {

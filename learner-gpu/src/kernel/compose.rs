@@ -38,6 +38,8 @@ pub struct Structure {
     landmarks: Vec<usize>,
     /// Landmarks and the tip.
     points: usize,
+    /// How many of them, from the first on, are not compared: see [`beyond`](Structure::beyond).
+    still: usize,
     /// Fours of numbers that a recorded frame takes.
     frame_fours: usize,
     /// Whether ticks keep within the joint limits.
@@ -231,6 +233,7 @@ impl Structure {
             links: chain.links().iter().enumerate().map(link).collect(),
             tip: components(&chain.tip_transform().1),
             points: landmarks.len() + 1,
+            still: 0,
             frame_fours: (3 * (landmarks.len() + 1)).div_ceil(4),
             landmarks,
             clamped: method.clamped,
@@ -313,6 +316,18 @@ impl Structure {
         numbers
     }
 
+    /// The same, where the first `still` landmarks are where they were recorded, in all motions: there is nothing to
+    /// compare.
+    #[must_use]
+    pub fn beyond(self, still: usize) -> Self {
+        let frame_fours = (3 * (self.points - still)).div_ceil(4);
+        Structure {
+            still,
+            frame_fours,
+            ..self
+        }
+    }
+
     /// How many points a frame has: landmarks and the tip.
     pub fn points(&self) -> usize {
         self.points
@@ -325,7 +340,8 @@ impl Structure {
 
     /// A recorded frame as the buffer `data` has it: whole fours.
     pub fn frame(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let mut frame: Vec<f32> = points.iter().flatten().copied().collect();
+        let compared = points.iter().skip(self.still);
+        let mut frame: Vec<f32> = compared.flatten().copied().collect();
         frame.resize(4 * self.frame_fours, 0.0);
         frame
     }

@@ -45,6 +45,8 @@ pub struct Ready<T, const N: usize> {
     target: Position<T>,
     /// Frames of landmarks, the tip last; metres.
     reference: Vec<Vec<[f64; 3]>>,
+    /// How many landmarks, from the first on, are where they were recorded.
+    still: usize,
     /// What a metre costs that the hand ends further than [`THERE`] from the target.
     arrival: f32,
 }
@@ -64,6 +66,7 @@ impl<T: Real, const N: usize> Ready<T, N> {
             initial: task.posture()?,
             target: task.goal()?,
             reference: task.reference.clone(),
+            still: task.still::<N>()?,
             arrival: 0.0,
         })
     }
@@ -92,7 +95,8 @@ impl<T: Real, const N: usize> Ready<T, N> {
             |frame, at, _| {
                 if let Some(landmarks) = self.reference.get(frame) {
                     distance.add(
-                        at.distance(
+                        at.distance_beyond(
+                            self.still,
                             landmarks
                                 .iter()
                                 .map(|&[x, y, z]| [T::of(x), T::of(y), T::of(z)]),
@@ -168,5 +172,57 @@ impl<T: Real, const N: usize> Ready<T, N> {
             }
         }
         Ok(at.tip())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{ModelKind, Problem, StepperKind};
+
+    /// The score with every landmark compared.
+    fn in_full<T: Real>(task: &Task, settings: &Settings, parameters: &[T]) -> T {
+        let mut distance = MotionDistance::new();
+        let ready = Ready::<T, 7>::new(task).unwrap();
+        let frames = task.reference.len();
+        ready
+            .synthesise(settings, parameters, frames, |frame, at, _| {
+                let recorded = task.reference[frame].iter();
+                distance.add(at.distance(recorded.map(|point| point.map(T::of))));
+            })
+            .unwrap();
+        distance.mean()
+    }
+
+    #[test]
+    fn a_shoulder_at_rest_is_not_compared_and_changes_no_bit() {
+        let problem = Problem::of_sample(&[0, 5], StepperKind::Transpose, ModelKind::C);
+        let settings = &problem.settings;
+        let parameters = [0.4, -0.2, 0.3, 1.5, 0.1, 0.2, -0.3, 4.0, 8.0];
+        let coarse = parameters.map(|x| x as f32);
+        for task in &problem.tasks {
+            assert_eq!(task.still::<7>(), Ok(1));
+            let ready = Ready::<f64, 7>::new(task).unwrap();
+            let score = ready.score(settings, &parameters);
+            assert_eq!(score, in_full(task, settings, &parameters));
+            let ready = Ready::<f32, 7>::new(task).unwrap();
+            let score = ready.score(settings, &coarse);
+            assert_eq!(score, in_full(task, settings, &coarse));
+        }
+    }
+
+    #[test]
+    fn a_shoulder_that_was_elsewhere_in_one_frame_is_compared() {
+        let problem = Problem::of_sample(&[0], StepperKind::Transpose, ModelKind::A);
+        let settings = &problem.settings;
+        let before = Ready::<f64, 7>::new(&problem.tasks[0]).unwrap();
+        let mut task = problem.tasks[0].clone();
+        task.reference[7][0] = [0.0, 0.3, 0.4];
+        assert_eq!(task.still::<7>(), Ok(0));
+        let after = Ready::<f64, 7>::new(&task).unwrap();
+        // Half a metre, of one of four landmarks in one of the frames.
+        let more = 0.5 / 4.0 / task.reference.len() as f64;
+        let found = after.score(settings, &[1.0]) - before.score(settings, &[1.0]);
+        assert!((found - more).abs() < 1e-12, "{found} {more}");
     }
 }

@@ -17,6 +17,7 @@ fn recorded(motion: Motion, frame: u32) -> u32 {
 
 /// The mean distance in metres between the recording and the motion synthesised with these parameters.
 fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
+    let gain = run.gain;
     let arm = arm_of(motion.at);
     var q = start(arm);
     var rests = rests_of(parameters);
@@ -33,7 +34,7 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
         while frame < motion.frames {
             let at = forward(arm, q);
             sum = sum + posture_distance(at, recorded(motion, frame));
-            let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
+            let optimised = optimise(columns(at), arm.target_at - at.tip, gain);
             easy = optimised.easy | (frame + 1u == motion.frames);
             if !easy {
                 break;
@@ -44,14 +45,14 @@ fn score_motion(motion: Motion, parameters: Parameters) -> f32 {
         }
         if !easy {
             let at = forward(arm, q);
-            q = tick(arm, parameters, q, optimise_hard(columns(at), arm.target_at - at.tip, run.gain), rests);
+            q = tick(arm, parameters, q, optimise_hard(columns(at), arm.target_at - at.tip, gain), rests);
             rests = later(rests, changes);
             frame++;
         }
         //% else
         let at = forward(arm, q);
         sum = sum + posture_distance(at, recorded(motion, frame));
-        let optimised = optimise(columns(at), arm.target_at - at.tip, run.gain);
+        let optimised = optimise(columns(at), arm.target_at - at.tip, gain);
         q = tick(arm, parameters, q, optimised, rests);
         rests = later(rests, changes);
         frame++;
