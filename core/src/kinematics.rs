@@ -212,19 +212,18 @@ impl<T: Real, const N: usize> Kinematics<'_, T, N> {
     }
 
     /// [`distance`](Self::distance) where the first `still` landmarks are known to be where the other posture has them:
-    /// they count, and cost nothing. A shoulder, which no joint moves, is one of them.
+    /// `landmarks` are those after them. A shoulder, which no joint moves, is one that need not be compared.
     #[inline(always)]
     pub fn distance_beyond(&self, still: usize, landmarks: impl IntoIterator<Item = Vec3<T>>) -> T {
         let mut others = landmarks.into_iter();
         let mut sum = T::zero();
-        let mut count = 0;
-        for (k, &joint) in self.chain.landmarks.iter().enumerate() {
+        let still = still.min(self.chain.landmarks.len());
+        let mut count = still as u32;
+        for &joint in self.chain.landmarks.get(still..).unwrap_or(&[]) {
             if let (Some(&point), Some(other)) =
                 (self.origin.get(usize::from(joint)), others.next())
             {
-                if k >= still {
-                    sum = sum + distance(point, other);
-                }
+                sum = sum + distance(point, other);
                 count += 1;
             }
         }

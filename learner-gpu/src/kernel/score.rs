@@ -47,6 +47,8 @@ pub struct Ready<T, const N: usize> {
     reference: Vec<Vec<[f64; 3]>>,
     /// How many landmarks, from the first on, are where they were recorded.
     still: usize,
+    /// The other landmarks in `f32`: to convert them at each tick takes lanes longer than to subtract them.
+    coarse: Vec<Vec<[f32; 3]>>,
     /// What a metre costs that the hand ends further than [`THERE`] from the target.
     arrival: f32,
 }
@@ -61,12 +63,18 @@ impl<T: Real, const N: usize> Ready<T, N> {
     /// What is wrong with the chain, or a posture of another size.
     pub fn new(task: &Task) -> Result<Self, TaskError> {
         let chain = task.chain.build::<N>()?;
+        let still = task.still::<N>()?;
+        let coarse = |frame: &Vec<[f64; 3]>| {
+            let beyond = frame.iter().skip(still);
+            beyond.map(|point| point.map(|x| x as f32)).collect()
+        };
         Ok(Ready {
             chain: chain.cast(),
             initial: task.posture()?,
             target: task.goal()?,
             reference: task.reference.clone(),
-            still: task.still::<N>()?,
+            still,
+            coarse: task.reference.iter().map(coarse).collect(),
             arrival: 0.0,
         })
     }
@@ -93,15 +101,18 @@ impl<T: Real, const N: usize> Ready<T, N> {
             frames,
             #[inline(always)]
             |frame, at, _| {
-                if let Some(landmarks) = self.reference.get(frame) {
-                    distance.add(
-                        at.distance_beyond(
-                            self.still,
-                            landmarks
-                                .iter()
-                                .map(|&[x, y, z]| [T::of(x), T::of(y), T::of(z)]),
-                        ),
-                    );
+                let still = self.still;
+                // What is known when this is compiled.
+                let is_coarse = T::EPSILON > f64::EPSILON;
+                if let (true, Some(points)) = (is_coarse, self.coarse.get(frame)) {
+                    let points = points.iter();
+                    let points = points.map(|&[x, y, z]| [of(x), of(y), of(z)]);
+                    distance.add(at.distance_beyond(still, points));
+                }
+                if let (false, Some(points)) = (is_coarse, self.reference.get(frame)) {
+                    let points = points.get(still..).unwrap_or(&[]).iter();
+                    let points = points.map(|&[x, y, z]| [T::of(x), T::of(y), T::of(z)]);
+                    distance.add(at.distance_beyond(still, points));
                 }
             },
         );
@@ -173,6 +184,12 @@ impl<T: Real, const N: usize> Ready<T, N> {
         }
         Ok(at.tip())
     }
+}
+
+/// A single as a number.
+#[inline(always)]
+fn of<T: Real>(x: f32) -> T {
+    T::of(f64::from(x))
 }
 
 #[cfg(test)]
