@@ -28,33 +28,40 @@ pub const LEAST_EXPONENT: f64 = -87.0;
 /// Exponents above this are taken as this one.
 pub const MOST_EXPONENT: f64 = 88.0;
 
-/// What [`sin_cos_of`] and [`exp_of`] ask of a number beyond [`Real`]: two ways to look at the whole number that
-/// a value lies nearest to.
+/// What sine, cosine and exponential ask of a number beyond [`Real`]: the whole number that a value lies nearest to, and
+/// its bits.
 pub trait Whole: Real {
-    /// The nearest whole number, halves to even. |`self`| is below 2²².
-    fn whole(self) -> Self;
-    /// Of a whole number k with |k| < 2²²: whether k is odd, and whether k mod 4 is 2 or 3.
-    fn quarter(self) -> (Self::Mask, Self::Mask);
-    /// 2ᵏ of a whole number k in [−126, 127].
-    fn power_of_two(self) -> Self;
+    /// A whole number's bits, of which the last are those of an integer.
+    type Bits: Copy;
+    /// The nearest whole number, halves to even. |`self`| is below 2²² (`f64`: 2⁵¹).
+    fn whole(self) -> (Self, Self::Bits);
+    /// Sine and cosine of k·π/2 + r, from those of r.
+    fn quarter(k: Self::Bits, sin_cos: (Self, Self)) -> (Self, Self);
+    /// 2ᵏ of k in [−126, 127] (`f64`: [−1022, 1023]).
+    fn power_of_two(k: Self::Bits) -> Self;
 }
 
 /// Adding this to a small `f32` leaves no bits for a fraction: the sum is rounded to a whole number.
 const SHIFTER: f32 = 12_582_912.0; // 1.5 · 2²³
 
 impl Whole for f32 {
+    type Bits = u32;
     #[inline(always)]
-    fn whole(self) -> f32 {
-        (self + SHIFTER) - SHIFTER
+    fn whole(self) -> (f32, u32) {
+        let shifted = self + SHIFTER;
+        (shifted - SHIFTER, shifted.to_bits())
     }
     #[inline(always)]
-    fn quarter(self) -> (bool, bool) {
-        let k = (self + SHIFTER).to_bits();
-        (k & 1 != 0, k & 2 != 0)
+    fn quarter(k: u32, (s, c): (f32, f32)) -> (f32, f32) {
+        let (odd, half) = (k & 1 != 0, k & 2 != 0);
+        // k mod 4:   0       1        2        3
+        // sin, cos:  s, c    c, -s    -s, -c   -c, s
+        let (sin, cos) = if odd { (c, -s) } else { (s, c) };
+        if half { (-sin, -cos) } else { (sin, cos) }
     }
     #[inline(always)]
-    fn power_of_two(self) -> f32 {
-        f32::from_bits((self + SHIFTER).to_bits().wrapping_add(127) << 23)
+    fn power_of_two(k: u32) -> f32 {
+        f32::from_bits(k.wrapping_add(127) << 23)
     }
 }
 
@@ -104,7 +111,7 @@ pub fn sin_cos_of<T: Whole>(x: T) -> (T, T) {
 /// [`sin_cos_of`] for what is known to lie within ±[`MOST_ANGLE`]: a seventh of it is saved.
 #[inline(always)]
 pub fn sin_cos_within_of<T: Whole>(x: T) -> (T, T) {
-    let k = (x * T::of(core::f64::consts::FRAC_2_PI)).whole();
+    let (k, bits) = (x * T::of(core::f64::consts::FRAC_2_PI)).whole();
     let r = x - k * T::of(1.5703125);
     let r = r - k * T::of(4.837_512_969_970_703e-4);
     let r = r - k * T::of(7.549_789_948_768_648e-8);
@@ -120,20 +127,14 @@ pub fn sin_cos_within_of<T: Whole>(x: T) -> (T, T) {
         * rr
         - T::of(0.5) * rr
         + T::one();
-    let (odd, half) = k.quarter();
-    let (sin, cos) = (T::select(odd, c, s), T::select(odd, s, c));
-    // k mod 4:   0       1        2        3
-    // sin, cos:  s, c    c, -s    -s, -c   -c, s
-    let sin = T::select(half, -sin, sin);
-    let cos = T::select(odd, -cos, cos);
-    (sin, T::select(half, -cos, cos))
+    T::quarter(bits, (s, c))
 }
 
 /// [`exp`] for anything that behaves as `f32`: lanes too.
 #[inline(always)]
 pub fn exp_of<T: Whole>(x: T) -> T {
     let x = x.within(T::of(LEAST_EXPONENT), T::of(MOST_EXPONENT));
-    let k = (x * T::of(core::f64::consts::LOG2_E)).whole();
+    let (k, bits) = (x * T::of(core::f64::consts::LOG2_E)).whole();
     let r = x - k * T::of(0.693_359_375);
     let r = r - k * T::of(-2.121_944_4e-4);
     let p = T::of(1.987_569_15e-4) * r + T::of(1.398_199_950_7e-3);
@@ -141,21 +142,7 @@ pub fn exp_of<T: Whole>(x: T) -> T {
     let p = p * r + T::of(4.166_579_589_4e-2);
     let p = p * r + T::of(1.666_666_545_9e-1);
     let p = p * r + T::of(5.000_000_120_1e-1);
-    (p * (r * r) + r + T::one()) * k.power_of_two()
-}
-
-/// What [`sin_cos_f64_of`] and [`exp_f64_of`] ask of a number beyond [`Real`]: the whole number that a value lies nearest
-/// to, and its bits.
-#[cfg(feature = "libm")]
-pub trait WholeF64: Real {
-    /// A whole number's bits, of which the last are those of an integer.
-    type Bits: Copy;
-    /// The nearest whole number, halves to even. |`self`| is below 2⁵¹.
-    fn whole(self) -> (Self, Self::Bits);
-    /// Sine and cosine of k·π/2 + r, from those of r.
-    fn quarter(k: Self::Bits, sin_cos: (Self, Self)) -> (Self, Self);
-    /// 2ᵏ of k in [−1022, 1023].
-    fn power_of_two(k: Self::Bits) -> Self;
+    (p * (r * r) + r + T::one()) * T::power_of_two(bits)
 }
 
 /// As [`SHIFTER`], for `f64`.
@@ -163,7 +150,7 @@ pub trait WholeF64: Real {
 const SHIFTER_F64: f64 = 6_755_399_441_055_744.0; // 1.5 · 2⁵²
 
 #[cfg(feature = "libm")]
-impl WholeF64 for f64 {
+impl Whole for f64 {
     type Bits = u64;
     #[inline(always)]
     fn whole(self) -> (f64, u64) {
@@ -213,7 +200,7 @@ pub fn exp_f64(x: f64) -> f64 {
 /// [`sin_cos_f64`] for anything that behaves as `f64`: lanes too.
 #[cfg(feature = "libm")]
 #[inline(always)]
-pub fn sin_cos_f64_of<T: WholeF64>(x: T) -> (T, T) {
+pub fn sin_cos_f64_of<T: Whole>(x: T) -> (T, T) {
     sin_cos_within_f64_of(x.within(T::of(-MOST_ANGLE), T::of(MOST_ANGLE)))
 }
 
@@ -223,7 +210,7 @@ pub fn sin_cos_f64_of<T: WholeF64>(x: T) -> (T, T) {
 /// difference.
 #[cfg(feature = "libm")]
 #[inline(always)]
-pub fn sin_cos_within_f64_of<T: WholeF64>(x: T) -> (T, T) {
+pub fn sin_cos_within_f64_of<T: Whole>(x: T) -> (T, T) {
     let (k, bits) = (x * T::of(core::f64::consts::FRAC_2_PI)).whole();
     let r = x - k * T::of(1.570_796_326_794_152_3); // π/2 to 40 bits
     let r = r - k * T::of(7.443_547_480_486_623e-13); // the rest of it
@@ -246,7 +233,7 @@ pub fn sin_cos_within_f64_of<T: WholeF64>(x: T) -> (T, T) {
 /// [`exp_f64`] for anything that behaves as `f64`: 2ᵏ·eʳ, with eʳ = 1 + 2u/(v − u), u and v polynomials.
 #[cfg(feature = "libm")]
 #[inline(always)]
-pub fn exp_f64_of<T: WholeF64>(x: T) -> T {
+pub fn exp_f64_of<T: Whole>(x: T) -> T {
     let x = x.within(T::of(LEAST_EXPONENT), T::of(MOST_EXPONENT));
     let (k, bits) = (x * T::of(core::f64::consts::LOG2_E)).whole();
     let r = x - k * T::of(0.693_145_751_953_125);

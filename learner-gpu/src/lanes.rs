@@ -10,8 +10,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdMask};
 use sinew::math::{
-    Whole, WholeF64, exp_f64_of, exp_of, sin_cos_f64_of, sin_cos_of, sin_cos_within_f64_of,
-    sin_cos_within_of,
+    Whole, exp_f64_of, exp_of, sin_cos_f64_of, sin_cos_of, sin_cos_within_f64_of, sin_cos_within_of,
 };
 use sinew::real::Real;
 
@@ -176,18 +175,25 @@ impl<S: Instructions> Lanes<S> {
 const SHIFTER: f32 = 12_582_912.0; // 1.5 · 2²³
 
 impl<S: Instructions> Whole for Lanes<S> {
+    type Bits = S::u32s;
     #[inline(always)]
-    fn whole(self) -> Self {
-        Lanes((self.0 + SHIFTER) - SHIFTER)
+    fn whole(self) -> (Self, S::u32s) {
+        let shifted = self.0 + SHIFTER;
+        (Lanes(shifted - SHIFTER), shifted.bitcast())
     }
     #[inline(always)]
-    fn quarter(self) -> (Self::Mask, Self::Mask) {
-        let k: S::u32s = (self.0 + SHIFTER).bitcast();
-        ((k & 1).simd_ne(0), (k & 2).simd_ne(0))
+    fn quarter(k: S::u32s, (s, c): (Self, Self)) -> (Self, Self) {
+        let odd = (k & 1).simd_ne(0);
+        let (sin, cos): (S::u32s, S::u32s) = (
+            Self::select(odd, c, s).0.bitcast(),
+            Self::select(odd, s, c).0.bitcast(),
+        );
+        let sin = sin ^ ((k & 2) << 30);
+        let cos = cos ^ (((k + 1) & 2) << 30);
+        (Lanes(sin.bitcast()), Lanes(cos.bitcast()))
     }
     #[inline(always)]
-    fn power_of_two(self) -> Self {
-        let k: S::u32s = (self.0 + SHIFTER).bitcast();
+    fn power_of_two(k: S::u32s) -> Self {
         Lanes(((k + 127) << 23).bitcast())
     }
 }
@@ -195,7 +201,7 @@ impl<S: Instructions> Whole for Lanes<S> {
 /// The same for `f64`.
 const SHIFTER_F64: f64 = 6_755_399_441_055_744.0; // 1.5 · 2⁵²
 
-impl<S: Instructions> WholeF64 for LanesF64<S> {
+impl<S: Instructions> Whole for LanesF64<S> {
     type Bits = S::u64s;
     #[inline(always)]
     fn whole(self) -> (Self, S::u64s) {

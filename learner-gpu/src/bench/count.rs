@@ -115,17 +115,18 @@ impl Real for Counted {
 }
 
 impl Whole for Counted {
-    fn whole(self) -> Self {
+    type Bits = u32;
+    fn whole(self) -> (Self, u32) {
         note(0, 2);
-        Counted(self.0.whole())
+        let (whole, bits) = self.0.whole();
+        (Counted(whole), bits)
     }
-    fn quarter(self) -> (bool, bool) {
-        note(0, 1);
-        self.0.quarter()
+    fn quarter(k: u32, (s, c): (Self, Self)) -> (Self, Self) {
+        let (sin, cos) = <f32 as Whole>::quarter(k, (s.0, c.0));
+        (Counted(sin), Counted(cos))
     }
-    fn power_of_two(self) -> Self {
-        note(0, 1);
-        Counted(self.0.power_of_two())
+    fn power_of_two(k: u32) -> Self {
+        Counted(Whole::power_of_two(k))
     }
 }
 

@@ -275,8 +275,8 @@ impl Gpu {
                     false => generations.clone().map(|one| one..one + 1).collect(),
                 };
                 for generations in turns {
-                    for first in (0..group.most_motions).step_by(at_once as usize) {
-                        let motions = first..group.most_motions.min(first + at_once);
+                    for from in (0..group.most_motions).step_by(at_once as usize) {
+                        let motions = from..group.most_motions.min(from + at_once);
                         let share = motions.len() as u64 * ticks / u64::from(group.most_motions);
                         let part = Part {
                             islands: islands.clone(),

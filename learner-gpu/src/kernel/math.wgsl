@@ -54,12 +54,11 @@ fn sin_cos_within(x: f32) -> SinCos {
     let c = kept(((2.443315711809948e-5 * rr + -1.388731625493765e-3) * rr + 4.166664568298827e-2) * rr * rr - 0.5 * rr) + 1.0;
     let quarter = bitcast<u32>(k + SHIFTER);
     let odd = (quarter & 1u) != 0u;
-    let half = (quarter & 2u) != 0u;
     // k mod 4:   0       1        2        3
     // sin, cos:  s, c    c, -s    -s, -c   -c, s
-    let sin = select(s, c, odd);
-    let cos = select(c, -s, odd);
-    return SinCos(select(sin, -sin, half), select(cos, -cos, half));
+    let sin = bitcast<u32>(select(s, c, odd)) ^ ((quarter & 2u) << 30u);
+    let cos = bitcast<u32>(select(c, s, odd)) ^ (((quarter + 1u) & 2u) << 30u);
+    return SinCos(bitcast<f32>(sin), bitcast<f32>(cos));
 }
 
 /// The exponential, saturated so that it is positive, normal and finite.
