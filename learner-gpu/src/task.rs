@@ -149,12 +149,8 @@ impl Task {
     }
 
     /// How many landmarks, from the first on, no joint moves and are recorded where they are: 1 where the first is a shoulder,
-    /// which is at the origin by definition. What is known to be 0 apart need not be compared.
-    ///
-    /// # Errors
-    /// A chain of another size.
-    pub fn still<const N: usize>(&self) -> Result<usize, TaskError> {
-        let chain = self.chain.build::<N>()?;
+    /// which is at the origin by definition. What is known to be 0 apart need not be compared. `chain` is the task's, built.
+    pub fn still<const N: usize>(&self, chain: &Chain<f64, N>) -> usize {
         let turns = |link: &Link<f64>| link.kind == Kind::Revolute;
         let stays = chain.landmarks().next() == Some(0) && chain.links().first().is_some_and(turns);
         // In single precision as well.
@@ -165,7 +161,7 @@ impl Task {
             let recorded = frame.first().copied();
             recorded == at && recorded.map(|point| point.map(|x| x as f32)) == there
         };
-        Ok(usize::from(stays && self.reference.iter().all(same)))
+        usize::from(stays && self.reference.iter().all(same))
     }
 
     /// The recorded motion as joint vectors: for each frame that within limits whose landmarks are nearest, found from

@@ -64,11 +64,12 @@ impl Motions {
         let chains = problem
             .tasks
             .iter()
-            .map(|task| Ok(task.chain.build::<N>().map_err(TaskError::from)?.cast()))
-            .collect::<Result<Vec<Chain<f32, N>>, GpuError>>()?;
-        let still = problem.tasks.iter().map(Task::still::<N>);
-        let still = still.collect::<Result<Vec<_>, _>>()?;
-        let still = still.into_iter().min().unwrap_or(0);
+            .map(|task| task.chain.build::<N>().map_err(TaskError::from))
+            .collect::<Result<Vec<Chain<f64, N>>, TaskError>>()?;
+        let still = problem.tasks.iter().zip(&chains);
+        let still = still.map(|(task, chain)| task.still(chain)).min();
+        let still = still.unwrap_or(0);
+        let chains: Vec<Chain<f32, N>> = chains.iter().map(Chain::cast).collect();
         let structure = Structure::new(&chains, &method)?.beyond(still);
         let most = most_frames(settings.stepper);
         let long = |task: &&Task| task.reference.len() > most;

@@ -63,7 +63,7 @@ impl<T: Real, const N: usize> Ready<T, N> {
     /// What is wrong with the chain, or a posture of another size.
     pub fn new(task: &Task) -> Result<Self, TaskError> {
         let chain = task.chain.build::<N>()?;
-        let still = task.still::<N>()?;
+        let still = task.still(&chain);
         let coarse = |frame: &Vec<[f64; 3]>| {
             let beyond = frame.iter().skip(still);
             beyond.map(|point| point.map(|x| x as f32)).collect()
@@ -102,15 +102,15 @@ impl<T: Real, const N: usize> Ready<T, N> {
             #[inline(always)]
             |frame, at, _| {
                 let still = self.still;
-                // What is known when this is compiled.
-                let is_coarse = T::EPSILON > f64::EPSILON;
-                if let (true, Some(points)) = (is_coarse, self.coarse.get(frame)) {
-                    let points = points.iter();
-                    let points = points.map(|&[x, y, z]| [of(x), of(y), of(z)]);
-                    distance.add(at.distance_beyond(still, points));
-                }
-                if let (false, Some(points)) = (is_coarse, self.reference.get(frame)) {
-                    let points = points.get(still..).unwrap_or(&[]).iter();
+                // Which of the two is known when this is compiled.
+                if T::EPSILON > f64::EPSILON {
+                    if let Some(points) = self.coarse.get(frame) {
+                        let points = points.iter();
+                        let points = points.map(|&[x, y, z]| [of(x), of(y), of(z)]);
+                        distance.add(at.distance_beyond(still, points));
+                    }
+                } else if let Some(points) = self.reference.get(frame) {
+                    let points = points.iter().skip(still);
                     let points = points.map(|&[x, y, z]| [T::of(x), T::of(y), T::of(z)]);
                     distance.add(at.distance_beyond(still, points));
                 }
@@ -218,7 +218,7 @@ mod tests {
         let parameters = [0.4, -0.2, 0.3, 1.5, 0.1, 0.2, -0.3, 4.0, 8.0];
         let coarse = parameters.map(|x| x as f32);
         for task in &problem.tasks {
-            assert_eq!(task.still::<7>(), Ok(1));
+            assert_eq!(task.still::<7>(&task.chain.build().unwrap()), 1);
             let ready = Ready::<f64, 7>::new(task).unwrap();
             let score = ready.score(settings, &parameters);
             assert_eq!(score, in_full(task, settings, &parameters));
@@ -235,7 +235,7 @@ mod tests {
         let before = Ready::<f64, 7>::new(&problem.tasks[0]).unwrap();
         let mut task = problem.tasks[0].clone();
         task.reference[7][0] = [0.0, 0.3, 0.4];
-        assert_eq!(task.still::<7>(), Ok(0));
+        assert_eq!(task.still::<7>(&task.chain.build().unwrap()), 0);
         let after = Ready::<f64, 7>::new(&task).unwrap();
         // Half a metre, of one of four landmarks in one of the frames.
         let more = 0.5 / 4.0 / task.reference.len() as f64;
