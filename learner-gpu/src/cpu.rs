@@ -80,6 +80,8 @@ fn advance_lanes<S: Instructions, const N: usize>(
             .collect();
         places
             .into_par_iter()
+            // Motions next to each other are often as long: whoever is done first takes the next.
+            .with_max_len(1)
             .for_each(|(set, island, motions, state)| {
                 let place = Place {
                     settings: &problem.settings,

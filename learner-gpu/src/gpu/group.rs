@@ -15,7 +15,7 @@ use wgpu::{
 use super::device::{Device, PART};
 use super::error::GpuError;
 use super::kernel::{Kernel, MOST_GENERATIONS, RUN_BYTES, RUN_STRIDE, WINDOW};
-use super::motions::Motions;
+use super::motions::{Motions, TURNS, TURNS_A_HARD_FRAME};
 use crate::kernel::anneal::Island;
 use crate::kernel::proposal::ISLAND;
 use crate::problem::Problem;
@@ -83,16 +83,18 @@ pub(super) struct Group {
     pub most_motions: u32,
     /// Islands, each on one motion, for whose scores there is room at once: as many as there are islands, at least.
     pub slots: usize,
-    /// With the population in the one buffer and the next generation in the other, and the other way round.
-    pub bindings: [BindGroup; 2],
+    pub bindings: BindGroup,
     pub run: Buffer,
-    populations: [Buffer; 2],
+    population: Buffer,
     summaries: Buffer,
     scored: Buffer,
+    /// Which of the scored motions have to be scored once more, and how many of them a thread has at most.
+    pub hard: Buffer,
+    pub hard_a_thread: u32,
 }
 
 impl Group {
-    /// The problem's islands in as few groups as have no buffer above its limit. The population is in the first buffer.
+    /// The problem's islands in as few groups as have no buffer above its limit.
     ///
     /// # Errors
     /// A single island whose motions are above it.
@@ -113,7 +115,8 @@ impl Group {
         let mut first = 0;
         while first < islands.len() {
             let (contents, end) = gather(problem, motions, islands, first, &limits)?;
-            groups.push(Group::new(device, kernel, contents, first..end, limit));
+            let group = Group::new(device, kernel, motions, contents, first..end, limit);
+            groups.push(group);
             device.check()?;
             first = end;
         }
@@ -123,6 +126,7 @@ impl Group {
     fn new(
         device: &Device,
         kernel: &Kernel,
+        motions: &Motions,
         contents: Contents,
         islands: Range<usize>,
         limit: u64,
@@ -146,13 +150,10 @@ impl Group {
             false => device.storage("data", contents.data.len()),
         };
         device.write(&data, &contents.data);
-        let motions = storage("motions", &contents.motions);
+        let list = storage("motions", &contents.motions);
         let places = storage("places", &contents.places);
         let summaries = storage("summaries", &contents.summaries);
-        let populations = [
-            storage("islands", &contents.islands),
-            device.storage("islands", contents.islands.len()),
-        ];
+        let population = storage("islands", &contents.islands);
         let each = contents.motions_each();
         let most_motions = each.iter().copied().max().unwrap_or(0);
         // An island's scores take less than its genes, so there is always room for one motion.
@@ -160,33 +161,42 @@ impl Group {
             .min(limit / (ISLAND as u64 * 4))
             .max(1) as usize;
         let scored = device.storage("scored", slots * ISLAND);
-        let bindings = [0, 1].map(|at| {
-            let buffers = [
-                &data,
-                &motions,
-                &places,
-                &populations[at],
-                &populations[1 - at],
-                &summaries,
-                &scored,
-            ];
-            // A window on it that moves from generation to generation.
-            let run = BindingResource::Buffer(BufferBinding {
-                buffer: &run,
-                offset: 0,
-                size: NonZero::new(RUN_BYTES),
-            });
-            let whole = buffers.into_iter().map(Buffer::as_entire_binding);
-            let resources = std::iter::once(run).chain(whole).enumerate();
-            let entry = |(binding, resource)| BindGroupEntry {
-                binding: binding as u32,
-                resource,
-            };
-            device.device.create_bind_group(&BindGroupDescriptor {
-                label: Some("group"),
-                layout: &kernel.layout,
-                entries: &resources.map(entry).collect::<Vec<_>>(),
-            })
+        // A list as long as all scores, after its length.
+        let hard = device.storage(
+            "hard",
+            if kernel.has_hard {
+                1 + slots * ISLAND
+            } else {
+                1
+            },
+        );
+        let longest = motions.each.iter().map(|motion| motion.frames).max();
+        let turns = longest.unwrap_or(0).max(1) as usize * TURNS_A_HARD_FRAME;
+        let buffers = [
+            &data,
+            &list,
+            &places,
+            &population,
+            &summaries,
+            &scored,
+            &hard,
+        ];
+        // A window on it that moves from generation to generation.
+        let moving = BindingResource::Buffer(BufferBinding {
+            buffer: &run,
+            offset: 0,
+            size: NonZero::new(RUN_BYTES),
+        });
+        let whole = buffers.into_iter().map(Buffer::as_entire_binding);
+        let resources = std::iter::once(moving).chain(whole).enumerate();
+        let entry = |(binding, resource)| BindGroupEntry {
+            binding: binding as u32,
+            resource,
+        };
+        let bindings = device.device.create_bind_group(&BindGroupDescriptor {
+            label: Some("group"),
+            layout: &kernel.layout,
+            entries: &resources.map(entry).collect::<Vec<_>>(),
         });
         Group {
             islands,
@@ -196,13 +206,16 @@ impl Group {
             slots,
             bindings,
             run,
-            populations,
+            population,
             summaries,
             scored,
+            hard,
+            // Few need it: a thread for each would mostly find nothing to do.
+            hard_a_thread: (TURNS / turns).clamp(1, 32) as u32,
         }
     }
 
-    /// The islands, from the device, where the population is in the buffer of number `at`.
+    /// The islands, from the device.
     ///
     /// # Errors
     /// The device is lost.
@@ -210,7 +223,6 @@ impl Group {
         &self,
         device: &Device,
         genes: usize,
-        at: usize,
         generation: u32,
     ) -> Result<Vec<Island>, GpuError> {
         let each = words_an_island(genes);
@@ -219,7 +231,7 @@ impl Group {
         let mut islands = Vec::with_capacity(self.islands.len());
         for some in summaries[..self.islands.len()].chunks((PART / each).max(1)) {
             let from = islands.len() * each;
-            let words = device.read_part(&self.populations[at], from..from + some.len() * each)?;
+            let words = device.read_part(&self.population, from..from + some.len() * each)?;
             let words = words.chunks_exact(each).zip(some);
             islands.extend(words.map(|(words, summary)| unpacked(words, summary, genes)));
         }
@@ -351,43 +363,62 @@ fn gather(
 /// Bits of the best member's number in its island, in `anneal.wgsl`; above them is the generation.
 const BEST_BITS: u32 = ISLAND.ilog2();
 
-/// Words of a `Members` in `anneal.wgsl`.
+/// Words that all members' genes take.
+fn words_a_side(genes: usize) -> usize {
+    genes.next_multiple_of(4) * ISLAND
+}
+
+/// Words of a `Members` in `anneal.wgsl`: two sides, scores, sums, draws.
 fn words_an_island(genes: usize) -> usize {
-    genes.next_multiple_of(4) * ISLAND + ISLAND
+    2 * words_a_side(genes) + 3 * ISLAND
 }
 
-/// Words of a `Summary` in `anneal.wgsl`: best score ever, mean score, temperature, best member and generation, genes of
-/// the best ever.
+/// Words of a `Summary` in `anneal.wgsl` before the genes of the best ever: best score ever, mean score, temperature, best
+/// member and generation, sides, and two that fill a four up.
+const SUMMARY: usize = 8;
+
+/// Words of a `Summary`.
 fn words_a_summary(genes: usize) -> usize {
-    4 + genes.next_multiple_of(4)
+    SUMMARY + genes.next_multiple_of(4)
 }
 
+/// Puts an island in: all members' genes are on their first sides.
 fn pack(contents: &mut Contents, island: &Island) {
+    let each = words_an_island(island.genes.len());
+    let end = contents.islands.len() + each;
     for four in island.genes.chunks(4) {
         for member in 0..ISLAND {
             let gene = |k: usize| four.get(k).map_or(0, |row| row[member]);
             contents.islands.extend([0, 1, 2, 3].map(gene));
         }
     }
+    let other = contents.islands.len() + words_a_side(island.genes.len());
+    contents.islands.resize(other, 0);
     let scores = island.scores.iter().map(|score| score.to_bits());
     contents.islands.extend(scores);
-    let best_score = island.best_score.to_bits();
-    contents.summaries.extend([best_score, 0, 0, 0]);
+    contents.islands.resize(end, 0);
+    let mut summary = [0; SUMMARY];
+    summary[0] = island.best_score.to_bits();
+    contents.summaries.extend(summary);
     contents.summaries.extend(&island.best);
     let whole = contents.summaries.len().next_multiple_of(4);
     contents.summaries.resize(whole, 0);
 }
 
 fn unpacked(words: &[u32], summary: &[u32], genes: usize) -> Island {
-    let (fours, scores) = words.split_at(words.len() - ISLAND);
+    let a_side = words_a_side(genes);
     let row = |k: usize| {
-        let four = fours.iter().skip(k / 4 * 4 * ISLAND + k % 4).step_by(4);
-        four.take(ISLAND).copied().collect()
+        let gene = |member: usize| {
+            let side = summary[4 + member / 32] >> (member % 32) & 1;
+            words[side as usize * a_side + (k / 4 * ISLAND + member) * 4 + k % 4]
+        };
+        (0..ISLAND).map(gene).collect()
     };
+    let scores = words[2 * a_side..][..ISLAND].iter();
     Island {
         genes: (0..genes).map(row).collect(),
-        scores: scores.iter().copied().map(f32::from_bits).collect(),
-        best: summary[4..4 + genes].to_vec(),
+        scores: scores.copied().map(f32::from_bits).collect(),
+        best: summary[SUMMARY..][..genes].to_vec(),
         best_score: f32::from_bits(summary[0]),
     }
 }

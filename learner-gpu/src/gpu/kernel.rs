@@ -1,5 +1,6 @@
 //! The compiled kernel and how it is run.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use wgpu::{
@@ -32,19 +33,22 @@ pub(super) enum Step {
     Propose,
     /// Scores what is proposed.
     Score,
+    /// Both at once, where islands have one motion.
+    Try,
+    /// Scores once more what needs it.
+    ScoreHard,
     /// Decides and sums up.
     Settle,
 }
 
 impl Step {
-    /// A generation's, in their order.
-    pub const ALL: [Step; 3] = [Step::Propose, Step::Score, Step::Settle];
-
     /// The entry point.
     fn entry(self) -> &'static str {
         match self {
             Step::Propose => "propose_members",
             Step::Score => "score_members",
+            Step::Try => "try_members",
+            Step::ScoreHard => "score_hard",
             Step::Settle => "settle",
         }
     }
@@ -59,22 +63,26 @@ pub(super) struct Part {
     pub generations: Range<u32>,
     /// These of each set's motions.
     pub motions: Range<u32>,
-    /// Which of its two buffers the population is in: after each generation it is in the other.
-    pub at: usize,
+    /// Whether members are scored as they are, and not what they may become.
+    pub as_they_are: bool,
 }
 
 /// The kernel for one problem.
 pub(super) struct Kernel {
     pub layout: BindGroupLayout,
-    /// Of each of [`Step::ALL`].
-    pipelines: [ComputePipeline; 3],
+    /// Of each [`Step`]: drivers take their time, so none is made that is not used.
+    pipelines: [OnceCell<ComputePipeline>; 5],
+    module: ShaderModule,
+    layouts: PipelineLayout,
     /// Whether `data` is a uniform buffer.
     pub window: bool,
+    /// Whether some motions have to be scored once more.
+    pub has_hard: bool,
     seed: u64,
     /// λ·dt, and dt in seconds: multiplied in `f32` as the core does.
     gain: f32,
     dt: f32,
-    /// Workgroups that fit in a row.
+    /// Workgroups that fit in a row, a multiple of eight.
     pub columns: u32,
 }
 
@@ -104,13 +112,14 @@ impl Kernel {
                 bind_group_layouts: &[Some(&layout)],
                 ..PipelineLayoutDescriptor::default()
             });
-        let pipelines = Step::ALL.map(|step| pipeline(device, &module, &layouts, step.entry()));
-        device.check()?;
         let dt = problem.settings.dt() as f32;
         Ok(Kernel {
             layout,
-            pipelines,
+            pipelines: Default::default(),
+            module,
+            layouts,
             window,
+            has_hard: structure.has_hard(),
             seed: problem.seed,
             gain: problem.settings.lambda as f32 * dt,
             dt,
@@ -118,8 +127,28 @@ impl Kernel {
                 .device
                 .limits()
                 .max_compute_workgroups_per_dimension
-                .max(1),
+                .max(8)
+                & !7,
         })
+    }
+
+    /// What a generation takes.
+    pub fn steps(&self, group: &Group) -> Vec<Step> {
+        let mut steps = match group.most_motions {
+            0 | 1 => vec![Step::Try],
+            _ => vec![Step::Propose, Step::Score],
+        };
+        steps.extend(self.has_hard.then_some(Step::ScoreHard));
+        steps.push(Step::Settle);
+        steps
+    }
+
+    /// What scores members as they are.
+    pub fn scoring(&self) -> &'static [Step] {
+        match self.has_hard {
+            true => &[Step::Score, Step::ScoreHard],
+            false => &[Step::Score],
+        }
     }
 
     /// Runs these steps on a part of a group, for each generation in turn, and waits.
@@ -134,8 +163,6 @@ impl Kernel {
         steps: &[Step],
     ) -> Result<(), GpuError> {
         let count = part.islands.len() as u32;
-        // Workgroups past a row's limit go into the next; those left over in the last row do nothing.
-        let columns = count.clamp(1, self.columns);
         let mut runs = Vec::new();
         for generation in part.generations.clone() {
             let [low, high] = key(self.seed);
@@ -145,12 +172,12 @@ impl Kernel {
                 generation,
                 part.islands.start as u32,
                 count,
-                columns,
                 self.gain.to_bits(),
                 self.dt.to_bits(),
                 0,
                 part.motions.start,
                 part.motions.len() as u32,
+                u32::from(!part.as_they_are),
             ]);
             runs.resize(runs.len().next_multiple_of(RUN_STRIDE as usize / 4), 0);
         }
@@ -159,51 +186,51 @@ impl Kernel {
         let mut encoder = device
             .device
             .create_command_encoder(&CommandEncoderDescriptor::default());
+        // `settle` does so between generations.
+        encoder.clear_buffer(&group.hard, 0, Some(4));
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
             for turn in 0..part.generations.len() as u32 {
-                let bindings = &group.bindings[(part.at + turn as usize) % 2];
-                pass.set_bind_group(0, bindings, &[turn * RUN_STRIDE as u32]);
+                pass.set_bind_group(0, &group.bindings, &[turn * RUN_STRIDE as u32]);
                 for &step in steps {
                     let workgroups = match step {
                         Step::Score => count * part.motions.len() as u32,
-                        Step::Propose | Step::Settle => count,
+                        Step::ScoreHard => {
+                            (count * part.motions.len() as u32).div_ceil(group.hard_a_thread)
+                        }
+                        Step::Propose | Step::Try | Step::Settle => count,
                     };
-                    pass.set_pipeline(&self.pipelines[step as usize]);
-                    pass.dispatch_workgroups(
-                        columns.min(workgroups),
-                        workgroups.div_ceil(columns),
-                        1,
-                    );
+                    pass.set_pipeline(self.pipeline(device, step));
+                    // A multiple of eight. Those past a row's limit go into the next; those left over do nothing.
+                    let columns = workgroups.next_multiple_of(8).clamp(8, self.columns);
+                    pass.dispatch_workgroups(columns, workgroups.div_ceil(columns), 1);
                 }
             }
         }
         device.queue.submit([encoder.finish()]);
         device.wait()
     }
-}
 
-/// An entry point, compiled.
-fn pipeline(
-    device: &Device,
-    module: &ShaderModule,
-    layout: &PipelineLayout,
-    entry: &str,
-) -> ComputePipeline {
-    device
-        .device
-        .create_compute_pipeline(&ComputePipelineDescriptor {
-            label: Some(entry),
-            layout: Some(layout),
-            module,
-            entry_point: Some(entry),
-            compilation_options: PipelineCompilationOptions {
-                // Nothing is read there that was not written before.
-                zero_initialize_workgroup_memory: false,
-                ..PipelineCompilationOptions::default()
-            },
-            cache: None,
-        })
+    /// An entry point, compiled.
+    fn pipeline(&self, device: &Device, step: Step) -> &ComputePipeline {
+        let entry = Some(step.entry());
+        let made = || {
+            let descriptor = ComputePipelineDescriptor {
+                label: entry,
+                layout: Some(&self.layouts),
+                module: &self.module,
+                entry_point: entry,
+                compilation_options: PipelineCompilationOptions {
+                    // Nothing is read there that was not written before.
+                    zero_initialize_workgroup_memory: false,
+                    ..PipelineCompilationOptions::default()
+                },
+                cache: None,
+            };
+            device.device.create_compute_pipeline(&descriptor)
+        };
+        self.pipelines[step as usize].get_or_init(made)
+    }
 }
 
 /// The bindings of `anneal.wgsl` and the pieces it is composed with.
@@ -215,7 +242,7 @@ fn layout(device: &Device, window: bool) -> BindGroupLayout {
             ty: match binding {
                 0 => BufferBindingType::Uniform,
                 1 if window => BufferBindingType::Uniform,
-                1..=4 => BufferBindingType::Storage { read_only: true },
+                1..=3 => BufferBindingType::Storage { read_only: true },
                 _ => BufferBindingType::Storage { read_only: false },
             },
             has_dynamic_offset: binding == 0,

@@ -41,8 +41,6 @@ pub struct Gpu {
     device: Device,
     kernel: Kernel,
     groups: Vec<Group>,
-    /// Which of its two buffers each group's population is in.
-    at: usize,
     /// The generation that the population is to begin.
     generation: u32,
     genes: usize,
@@ -90,7 +88,6 @@ impl Gpu {
             device,
             kernel,
             groups: Vec::new(),
-            at: 0,
             generation: 0,
             genes: problem.genes(),
             limit,
@@ -105,9 +102,10 @@ impl Gpu {
                 islands: 0..1,
                 generations: 0..1,
                 motions: 0..1,
-                at: gpu.at,
+                as_they_are: false,
             };
-            gpu.run(group, part, &[Step::Propose, Step::Score])?;
+            let steps = gpu.kernel.steps(group);
+            gpu.run(group, part, &steps[..steps.len() - 1])?;
         }
         gpu.preparation = began.elapsed();
         Ok(gpu)
@@ -145,11 +143,10 @@ impl Gpu {
                 islands: 0..group.islands.len(),
                 generations: 0..1,
                 motions: 0..0,
-                at: 1,
+                as_they_are: true,
             };
             self.run(group, part, &[Step::Settle])?;
         }
-        self.at = 0;
         self.generation = 1;
         Ok(())
     }
@@ -183,13 +180,10 @@ impl Gpu {
             let next = to.min(at.saturating_add(generations.min(MOST_GENERATIONS)));
             self.everywhere(at..next, |gpu, group, part| {
                 // Proposals are made once, and scored on some motions after others.
-                let steps = match part.motions.start {
-                    0 => &Step::ALL[..],
-                    _ => &Step::ALL[1..],
-                };
-                gpu.run(group, part, steps)
+                let steps = gpu.kernel.steps(group);
+                let first = usize::from(part.motions.start > 0);
+                gpu.run(group, part, &steps[first..])
             })?;
-            self.at = (self.at + (next - at) as usize) % 2;
             self.generation = next;
             at = next;
         }
@@ -201,7 +195,7 @@ impl Gpu {
     /// # Errors
     /// The device is lost, or refuses.
     pub fn islands(&mut self) -> Result<Vec<Island>, GpuError> {
-        self.gathered(|group| group.read(&self.device, self.genes, self.at, self.generation))
+        self.gathered(|group| group.read(&self.device, self.genes, self.generation))
     }
 
     /// Of each island, the best score ever and the members' mean score, metres: less to read back than
@@ -221,12 +215,11 @@ impl Gpu {
         let count = self.groups.last().map_or(0, |group| group.islands.end);
         let mut scores = vec![vec![0.0; ISLAND]; count];
         self.everywhere(0..1, |gpu, group, part| {
-            // As if they were the proposals.
-            let turned = Part {
-                at: 1 - part.at,
-                ..part.clone()
+            let part = Part {
+                as_they_are: true,
+                ..part
             };
-            gpu.run(group, turned, &[Step::Score])?;
+            gpu.run(group, part.clone(), gpu.kernel.scoring())?;
             let (islands, motions) = (part.islands.len(), part.motions.len());
             let scored = group.scored(&gpu.device, islands, motions)?;
             for (motion, scored) in part.motions.zip(scored.chunks(islands * ISLAND)) {
@@ -256,7 +249,7 @@ impl Gpu {
         generations: Range<u32>,
         mut work: impl FnMut(&Self, &Group, Part) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
-        let (mut pace, begin) = (self.pace, generations.start);
+        let mut pace = self.pace;
         for group in &self.groups {
             let mut first = 0;
             while let Some(left) = group.ticks.get(first..).filter(|left| !left.is_empty()) {
@@ -280,9 +273,9 @@ impl Gpu {
                         let share = motions.len() as u64 * ticks / u64::from(group.most_motions);
                         let part = Part {
                             islands: islands.clone(),
-                            at: self.at + (generations.start - begin) as usize,
                             generations: generations.clone(),
                             motions,
+                            as_they_are: false,
                         };
                         let began = Instant::now();
                         work(self, group, part)?;

@@ -9,14 +9,19 @@ use crate::motion::Point;
 use crate::problem::{Problem, StepperKind, with_dofs};
 use crate::task::{Task, TaskError};
 
-/// Frames that a thread runs in a dispatch, at most: lavapipe leaves a thread's loops, without a word, after 65,535
-/// turns of all of them together.
+/// Turns that a thread's loops make in a dispatch, at most: lavapipe leaves them, without a word, after 65,535 turns of
+/// all of them together.
+pub(super) const TURNS: usize = 60_000;
+/// Turns that a frame takes whose tick needs singular values: 10 of them sweeps.
+pub(super) const TURNS_A_HARD_FRAME: usize = 13;
+
+/// Frames that a thread runs in a dispatch, at most.
 pub(super) fn most_frames(stepper: StepperKind) -> usize {
     let turns_a_frame = match stepper {
-        StepperKind::PseudoInverse | StepperKind::SelectivelyDamped => 13, // 10 of them sweeps
+        StepperKind::PseudoInverse | StepperKind::SelectivelyDamped => TURNS_A_HARD_FRAME,
         _ => 1,
     };
-    60_000 / turns_a_frame
+    TURNS / turns_a_frame
 }
 
 /// All motions, ready to be uploaded.

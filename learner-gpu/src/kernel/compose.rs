@@ -333,6 +333,11 @@ impl Structure {
         self.points
     }
 
+    /// Whether the stepper has ticks that need more than others, rarely.
+    pub fn has_hard(&self) -> bool {
+        self.stepper == "pseudo_inverse"
+    }
+
     /// Fours that a member's genes take.
     pub fn gene_fours(&self) -> usize {
         self.genes.div_ceil(4)
@@ -471,6 +476,7 @@ fn render(
         island_bits => ISLAND.ilog2(),
         window,
         gene_fours => structure.gene_fours(),
+        has_hard => structure.has_hard(),
         gene => GENE,
         step => (0..=structure.genes).map(step).collect::<Vec<_>>(),
         ..minijinja::Value::from_serialize(structure)

@@ -53,14 +53,18 @@ fn without_last_bits(x: vec4i, bits: u32) -> vec4i {
 }
 
 /// A member's genes to be tried in a later generation: `which` is its island, `me` its place there, `best` that of the
-/// best. `own` is the first block of draws, whose third decides acceptance.
-fn propose(draws: Draws, own: vec4u, which: u32, me: u32, best: u32) -> Genes {
+/// best, and the members' genes are on these sides. `own` is the first block of draws, whose third decides acceptance.
+fn propose(draws: Draws, own: vec4u, which: u32, me: u32, best: u32, sides: vec2u) -> Genes {
     const OTHERS = ISLAND - 1u;
     let first = own[0] % OTHERS;
     let other = (own[0] / OTHERS) % (OTHERS - 1u);
     let second = select(other, other + 1u, other >= first);
     let a = (me + 1u + first) % ISLAND;
     let b = (me + 1u + second) % ISLAND;
+    let side = side_of(sides, me);
+    let side_a = side_of(sides, a);
+    let side_b = side_of(sides, b);
+    let side_best = side_of(sides, best);
 
     // Which kind of step, what share of the genes, and how large a jitter.
     let kind = own[1] & 3u;
@@ -84,17 +88,17 @@ fn propose(draws: Draws, own: vec4u, which: u32, me: u32, best: u32) -> Genes {
     var out: Genes;
     //% for four in range(gene_fours)
     {
-        let x = vec4i(members[which].genes[${four}][me]);
+        let x = vec4i(members[which].sides[side][${four}][me]);
         // A uniform draw in ±2²³.
         let uniform = vec4i(noise_${four} >> vec4u(8u)) - vec4i(1i << 23u);
         var delta = without_last_bits(uniform, select(jitter, 19u, kind < 2u));
         // Threads that need no other member do not wait for one.
         if kind < 3u {
-            let difference = vec4i(members[which].genes[${four}][a]) - vec4i(members[which].genes[${four}][b]);
+            let difference = vec4i(members[which].sides[side_a][${four}][a]) - vec4i(members[which].sides[side_b][${four}][b]);
             delta = select(vec4i(0i), delta, kind < 2u) + without_last_bits(difference * step, 6u);
         }
         if kind == 2u {
-            delta = delta + without_last_bits((vec4i(members[which].genes[${four}][best]) - x) * 32i, 6u);
+            delta = delta + without_last_bits((vec4i(members[which].sides[side_best][${four}][best]) - x) * 32i, 6u);
         }
         let moved = clamp(x + delta, vec4i(0i), vec4i(i32(GENE)));
         out[${four}] = vec4u(select(x, moved, part_${four}));

@@ -1,7 +1,7 @@
 // J⁺: ΔΘ = λ·dt · J⁺ΔX, singular values below 1e-4·σ_max dropped. Mirror of core/src/stepper/pseudo_inverse.rs.
 //
 // Where J is well conditioned `optimise` is exact enough; where it is not, `optimise_hard` is asked, and the caller sees
-// to it that this is rare (see score.wgsl).
+// to it that this is rare (see anneal.wgsl).
 
 struct Optimised {
     step: Joints,
