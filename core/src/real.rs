@@ -37,8 +37,8 @@ pub trait Real:
     /// The distance from 1 to the next number.
     const EPSILON: f64;
 
-    /// Whether a chain's sines and cosines are had faster all at once, in one loop that a compiler turns into lanes,
-    /// than each where it is used.
+    /// Whether a chain's sines and cosines are had faster all at once than each where it is used: in a loop that a compiler
+    /// turns into lanes, or that a processor runs through before it has the first of them.
     const AT_ONCE: bool = false;
 
     /// The nearest number to `x` (in every lane).

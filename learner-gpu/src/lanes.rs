@@ -95,6 +95,7 @@ macro_rules! lanes {
         impl<S: Instructions> Real for $name<S> {
             type Mask = S::$mask;
             const EPSILON: f64 = $scalar::EPSILON as f64;
+            const AT_ONCE: bool = true;
 
             #[inline(always)]
             fn of(x: f64) -> Self {

@@ -10,20 +10,22 @@ pub fn key(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]
 }
 
+/// The high half of a product.
+#[inline(always)]
+fn high_product(a: u32, b: u32) -> u32 {
+    ((u64::from(a) * u64::from(b)) >> 32) as u32
+}
+
 /// Four draws of 32 bits.
 #[inline(always)]
 pub fn philox(counter: [u32; 4], key: [u32; 2]) -> [u32; 4] {
     let [mut c0, mut c1, mut c2, mut c3] = counter;
     let [mut k0, mut k1] = key;
     for _round in 0..10 {
-        let p0 = u64::from(c0) * 0xD251_1F53;
-        let p1 = u64::from(c2) * 0xCD9E_8D57;
-        (c0, c1, c2, c3) = (
-            (p1 >> 32) as u32 ^ c1 ^ k0,
-            p1 as u32,
-            (p0 >> 32) as u32 ^ c3 ^ k1,
-            p0 as u32,
-        );
+        // Both halves are asked for by themselves: a compiler that makes lanes of it then needs no 64-bit product's low half.
+        let p0 = [c0.wrapping_mul(0xD251_1F53), high_product(c0, 0xD251_1F53)];
+        let p1 = [c2.wrapping_mul(0xCD9E_8D57), high_product(c2, 0xCD9E_8D57)];
+        (c0, c1, c2, c3) = (p1[1] ^ c1 ^ k0, p1[0], p0[1] ^ c3 ^ k1, p0[0]);
         k0 = k0.wrapping_add(0x9E37_79B9);
         k1 = k1.wrapping_add(0xBB67_AE85);
     }
