@@ -11,7 +11,7 @@
 use nalgebra::{Isometry3, RealField, SMatrix, Translation3, Unit};
 
 use crate::chain::{Axes, Chain, Joint, Kind, Link, Shift, Turn, times, turned};
-use crate::real::Real;
+use crate::real::{Real, Turns};
 use crate::vector::{Vec3, add, cross, distance, negate, scale, sub};
 
 /// Where everything is at one posture: what [`Chain::forward`] computes once and everything else reads.
@@ -77,12 +77,11 @@ impl<T: Real, const N: usize> Chain<T, N> {
         origin: &mut [Vec3<T>; N],
     ) -> (Vec3<T>, Axes<T>) {
         let (mut axes, mut at) = self.base;
-        let mut at_once = [(T::zero(), T::zero()); N];
-        if T::AT_ONCE {
-            for i in 0..N {
-                at_once[i] = sine_and_cosine::<T, WITHIN>(q[i]);
-            }
-        }
+        let at_once = match T::TURNS {
+            Turns::WhereUsed => [(T::zero(), T::zero()); N],
+            Turns::AtOnce => all::<T, N, WITHIN>(q),
+            Turns::InBlocks => in_blocks::<T, N, WITHIN>(q),
+        };
         // No closure in here: one that is not inlined is compiled without the lanes' instructions, ten times slower.
         for i in 0..N {
             let link = &self.links[i];
@@ -90,10 +89,9 @@ impl<T: Real, const N: usize> Chain<T, N> {
             axes = turned_by(axes, &link.turn);
             match link.kind {
                 Kind::Revolute => {
-                    let (s, c) = if T::AT_ONCE {
-                        at_once[i]
-                    } else {
-                        sine_and_cosine::<T, WITHIN>(q[i])
+                    let (s, c) = match T::TURNS {
+                        Turns::WhereUsed => sine_and_cosine::<T, WITHIN>(q[i]),
+                        Turns::AtOnce | Turns::InBlocks => at_once[i],
                     };
                     (axes, axis[i]) = turned_about(axes, link, s, c);
                 }
@@ -137,6 +135,42 @@ fn sine_and_cosine<T: Real, const WITHIN: bool>(q: T) -> (T, T) {
     } else {
         Real::sin_cos(q)
     }
+}
+
+/// Sines and cosines of all angles.
+#[inline(always)]
+fn all<T: Real, const N: usize, const WITHIN: bool>(q: &[T; N]) -> [(T, T); N] {
+    let mut turns = [(T::zero(), T::zero()); N];
+    for i in 0..N {
+        turns[i] = sine_and_cosine::<T, WITHIN>(q[i]);
+    }
+    turns
+}
+
+/// Angles in a block: a loop over so many is longer than compilers unroll, and they make lanes of it if none is left over.
+const BLOCK: usize = 8;
+
+/// The same, block by block.
+#[inline(always)]
+fn in_blocks<T: Real, const N: usize, const WITHIN: bool>(q: &[T; N]) -> [(T, T); N] {
+    if 2 * N <= BLOCK {
+        return all::<T, N, WITHIN>(q);
+    }
+    let mut turns = [(T::zero(), T::zero()); N];
+    for (turns, q) in turns.chunks_mut(BLOCK).zip(q.chunks(BLOCK)) {
+        let mut angles = [T::zero(); BLOCK];
+        for (angle, &q) in angles.iter_mut().zip(q) {
+            *angle = q;
+        }
+        let (mut sines, mut cosines) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        for i in 0..BLOCK {
+            (sines[i], cosines[i]) = sine_and_cosine::<T, WITHIN>(angles[i]);
+        }
+        for ((turn, &s), &c) in turns.iter_mut().zip(&sines).zip(&cosines) {
+            *turn = (s, c);
+        }
+    }
+    turns
 }
 
 /// The axis of a DoF.

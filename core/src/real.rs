@@ -8,6 +8,17 @@
 use core::fmt::Debug;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
+/// When a chain's sines and cosines are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turns {
+    /// Each where it is used: a microcontroller has them in registers then.
+    WhereUsed,
+    /// All at once: a large processor runs through all of them before it has the first.
+    AtOnce,
+    /// All at once, in blocks that a compiler makes lanes of.
+    InBlocks,
+}
+
 /// A real number, or several side by side.
 ///
 /// ```
@@ -37,9 +48,8 @@ pub trait Real:
     /// The distance from 1 to the next number.
     const EPSILON: f64;
 
-    /// Whether a chain's sines and cosines are had faster all at once than each where it is used: in a loop that a compiler
-    /// turns into lanes, or that a processor runs through before it has the first of them.
-    const AT_ONCE: bool = false;
+    /// How a chain's sines and cosines are had fastest. It changes no bit.
+    const TURNS: Turns = Turns::WhereUsed;
 
     /// The nearest number to `x` (in every lane).
     fn of(x: f64) -> Self;
@@ -196,7 +206,7 @@ impl Real for f32 {
 impl Real for f64 {
     type Mask = bool;
     const EPSILON: f64 = f64::EPSILON;
-    const AT_ONCE: bool = true;
+    const TURNS: Turns = Turns::InBlocks;
 
     #[inline(always)]
     fn of(x: f64) -> Self {

@@ -12,7 +12,7 @@ use fearless_simd::{Bytes, Level, Select, Simd, SimdBase, SimdFloat, SimdMask};
 use sinew::math::{
     Whole, exp_f64_of, exp_of, sin_cos_f64_of, sin_cos_of, sin_cos_within_f64_of, sin_cos_within_of,
 };
-use sinew::real::Real;
+use sinew::real::{Real, Turns};
 
 /// A level of SIMD instructions whose proof of presence can be had again where it was given once.
 pub trait Instructions: Simd {
@@ -95,7 +95,7 @@ macro_rules! lanes {
         impl<S: Instructions> Real for $name<S> {
             type Mask = S::$mask;
             const EPSILON: f64 = $scalar::EPSILON as f64;
-            const AT_ONCE: bool = true;
+            const TURNS: Turns = Turns::AtOnce;
 
             #[inline(always)]
             fn of(x: f64) -> Self {
