@@ -93,13 +93,20 @@ struct Hard {
 var<workgroup> settled: array<u32, ${island}>;
 const TURNED = 1u << 31u;
 
+/// Which thread of which workgroup it is: `me` is its member's place in the island.
+struct Thread {
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) workgroups: vec3u,
+    @builtin(local_invocation_index) me: u32,
+}
+
 /// What a workgroup of the dispatch works on, by number; there may be a few more of them than there is work.
 ///
 /// The numbers' eighths take turns: lavapipe gives each of its threads one stretch of workgroups, and motions next to each
 /// other are often as long.
-fn number(workgroup: vec3u, workgroups: vec3u) -> u32 {
-    let nth = workgroup.y * workgroups.x + workgroup.x;
-    return (nth & 7u) * ((workgroups.x * workgroups.y) >> 3u) + (nth >> 3u);
+fn number(thread: Thread) -> u32 {
+    let nth = thread.workgroup.y * thread.workgroups.x + thread.workgroup.x;
+    return (nth & 7u) * ((thread.workgroups.x * thread.workgroups.y) >> 3u) + (nth >> 3u);
 }
 
 /// The side on which a member's genes are.
@@ -145,62 +152,6 @@ fn proposal(which: u32, place: Place, me: u32) -> Genes {
     return genes;
 }
 
-/// Proposes.
-@compute @workgroup_size(${island})
-fn propose_members(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) workgroups: vec3u,
-    @builtin(local_invocation_index) me: u32,
-) {
-    let number = number(workgroup, workgroups);
-    if number >= run.islands {
-        return;
-    }
-    let which = run.first_island + number;
-    _ = proposal(which, places[which], me);
-}
-
-/// Proposes, and scores that, where islands have one motion.
-@compute @workgroup_size(${island})
-fn try_members(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) workgroups: vec3u,
-    @builtin(local_invocation_index) me: u32,
-) {
-    let number = number(workgroup, workgroups);
-    if number >= run.islands {
-        return;
-    }
-    nothing = run.nothing;
-    let which = run.first_island + number;
-    let place = places[which];
-    let parameters = parameters_of(proposal(which, place, me));
-    note(number, me, score_motion(motions[place.first_motion], parameters, false));
-}
-
-/// Scores what is proposed, one of the motions.
-@compute @workgroup_size(${island})
-fn score_members(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) workgroups: vec3u,
-    @builtin(local_invocation_index) me: u32,
-) {
-    let number = number(workgroup, workgroups);
-    // Islands next to each other run the same motion, or one as long.
-    let motion = number / run.islands;
-    if motion >= run.motions {
-        return;
-    }
-    nothing = run.nothing;
-    let which = run.first_island + number % run.islands;
-    let place = places[which];
-    if run.first_motion + motion >= place.motions {
-        return;
-    }
-    let parameters = parameters_of(genes_of(which, me));
-    note(number, me, score_motion(motions[place.first_motion + run.first_motion + motion], parameters, false));
-}
-
 /// A member's genes that are to be scored.
 fn genes_of(which: u32, me: u32) -> Genes {
     let side = side_of(summaries[which].sides, me) ^ run.other;
@@ -221,18 +172,58 @@ fn note(at: u32, me: u32, score: Score) {
     //% endif
 }
 
+/// Proposes.
+@compute @workgroup_size(${island})
+fn propose_members(thread: Thread) {
+    let number = number(thread);
+    if number >= run.islands {
+        return;
+    }
+    let which = run.first_island + number;
+    _ = proposal(which, places[which], thread.me);
+}
+
+/// Proposes, and scores that, where islands have one motion.
+@compute @workgroup_size(${island})
+fn try_members(thread: Thread) {
+    let number = number(thread);
+    if number >= run.islands {
+        return;
+    }
+    nothing = run.nothing;
+    let which = run.first_island + number;
+    let place = places[which];
+    let parameters = parameters_of(proposal(which, place, thread.me));
+    note(number, thread.me, score_motion(motions[place.first_motion], parameters, false));
+}
+
+/// Scores what is proposed, one of the motions.
+@compute @workgroup_size(${island})
+fn score_members(thread: Thread) {
+    let number = number(thread);
+    // Motion after motion, each of all islands.
+    let motion = number / run.islands;
+    if motion >= run.motions {
+        return;
+    }
+    nothing = run.nothing;
+    let which = run.first_island + number % run.islands;
+    let place = places[which];
+    if run.first_motion + motion >= place.motions {
+        return;
+    }
+    let parameters = parameters_of(genes_of(which, thread.me));
+    note(number, thread.me, score_motion(motions[place.first_motion + run.first_motion + motion], parameters, false));
+}
+
 //% if has_hard
 /// Scores once more what needs it: a thread has one of these motions after the other.
 @compute @workgroup_size(${island})
-fn score_hard(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) workgroups: vec3u,
-    @builtin(local_invocation_index) me: u32,
-) {
+fn score_hard(thread: Thread) {
     nothing = run.nothing;
     let count = atomicLoad(&hard.count);
-    let threads = workgroups.x * workgroups.y * ISLAND;
-    for (var next = number(workgroup, workgroups) * ISLAND + me; next < count; next += threads) {
+    let threads = thread.workgroups.x * thread.workgroups.y * ISLAND;
+    for (var next = number(thread) * ISLAND + thread.me; next < count; next += threads) {
         let at = hard.members[next] / ISLAND;
         let member = hard.members[next] % ISLAND;
         let which = run.first_island + at % run.islands;
@@ -246,18 +237,14 @@ fn score_hard(
 /// ever, the member with the least score (of those as good as each other, the first), the mean, and the temperature: the
 /// mean less the least, over the number of parameters.
 @compute @workgroup_size(${island})
-fn settle(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) workgroups: vec3u,
-    @builtin(local_invocation_index) me: u32,
-) {
-    let number = number(workgroup, workgroups);
+fn settle(thread: Thread) {
+    let number = number(thread);
     if number >= run.islands {
         return;
     }
     nothing = run.nothing;
     //% if has_hard
-    if (number == 0u) & (me == 0u) {
+    if (number == 0u) & (thread.me == 0u) {
         atomicStore(&hard.count, 0u);
     }
     //% endif
@@ -266,33 +253,33 @@ fn settle(
     if is_done(place) {
         return;
     }
-    var score = members[which].scores[me];
+    var score = members[which].scores[thread.me];
     var turned = 0u;
     if run.motions > 0u {
         let current = score;
         score = 0.0;
         if run.first_motion > 0u {
-            score = members[which].sums[me];
+            score = members[which].sums[thread.me];
         }
         let end = min(run.motions, place.motions - run.first_motion);
         for (var motion = 0u; motion < end; motion++) {
-            score = score + scored[motion * run.islands + number][me];
+            score = score + scored[motion * run.islands + number][thread.me];
         }
         if run.first_motion + end < place.motions {
-            members[which].sums[me] = score;
+            members[which].sums[thread.me] = score;
             return;
         }
         score = score / f32(place.motions);
-        if accepts(current, score, summaries[which].temperature, members[which].draws[me]) {
+        if accepts(current, score, summaries[which].temperature, members[which].draws[thread.me]) {
             turned = TURNED;
-            members[which].scores[me] = score;
+            members[which].scores[thread.me] = score;
         } else {
             score = current;
         }
     }
-    settled[me] = bitcast<u32>(score) | turned;
+    settled[thread.me] = bitcast<u32>(score) | turned;
     workgroupBarrier();
-    if me > 0u {
+    if thread.me > 0u {
         return;
     }
     var best = 0u;
