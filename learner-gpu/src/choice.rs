@@ -1,6 +1,6 @@
 //! Which backend a search is faster on, by measurement.
 //!
-//! A few generations of the problem itself are timed on each, and all of the search's are forecast from them. (The
+//! A few generations of the problem itself are timed on each, and as many as most searches run are forecast from them. (The
 //! descents between them run on the CPU either way.) Only speed hangs on what is chosen: what a backend computes does
 //! not depend on having been measured.
 
@@ -10,12 +10,12 @@ use std::time::Instant;
 use crate::cpu;
 use crate::gpu::{Gpu, GpuError, Which};
 use crate::kernel::anneal::Island;
-use crate::learn::{Backend, LearnError, Search};
+use crate::learn::{Backend, LEAST_GENERATIONS, LearnError, Search};
 use crate::problem::Problem;
 use crate::task::TaskError;
 
-/// A search that the CPU is through with sooner than this, seconds, is not worth a device's start.
-const SHORT: f64 = 1.0;
+/// Generations that the CPU is through with sooner than this, seconds, are not worth a device's start.
+const SHORT: f64 = 0.5;
 /// A generation that takes longer than this, seconds, says enough of larger ones.
 const ENOUGH: f64 = 0.02;
 /// And in any case this, seconds.
@@ -28,16 +28,23 @@ const TIMED: u32 = 2;
 /// Why a backend was taken.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
-    /// The CPU is through before a device has begun: it would take so many seconds.
-    Short(f64),
+    /// The CPU is through before a device has begun.
+    Short {
+        /// Seconds that it takes.
+        this: f64,
+        /// For so many generations.
+        generations: u32,
+    },
     /// There is no device.
     NoDevice(String),
-    /// It is the faster: seconds that it and the other take for all generations, and the other's name.
+    /// It is the faster.
     Faster {
-        /// This one's.
+        /// Seconds that it takes.
         this: f64,
-        /// The other's.
+        /// And the other.
         other: f64,
+        /// For so many generations.
+        generations: u32,
         /// What the other is.
         name: String,
     },
@@ -46,14 +53,19 @@ pub enum Reason {
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Reason::Short(seconds) => write!(
+            Reason::Short { this, generations } => write!(
                 f,
-                "measured: {seconds:.1} s for all generations, too few to start a GPU for"
+                "measured: {this:.2} s for {generations} generations, too little to start a GPU for"
             ),
             Reason::NoDevice(error) => write!(f, "no GPU path: {error}"),
-            Reason::Faster { this, other, name } => write!(
+            Reason::Faster {
+                this,
+                other,
+                generations,
+                name,
+            } => write!(
                 f,
-                "measured: {this:.1} s for all generations against {other:.1} s on {name}"
+                "measured: {this:.2} s for {generations} generations against {other:.2} s on {name}"
             ),
         }
     }
@@ -68,6 +80,7 @@ pub fn faster(
     islands: &[Island],
     generations: u32,
 ) -> Result<(Backend, Reason), LearnError> {
+    let generations = generations.min(LEAST_GENERATIONS);
     let on_cpu = forecast(problem, generations, false, |sample, islands| {
         let mut islands = islands.to_vec();
         let began = Instant::now();
@@ -75,13 +88,15 @@ pub fn faster(
         Ok::<_, TaskError>(began.elapsed().as_secs_f64())
     })?;
     if on_cpu < SHORT {
-        return Ok((Backend::Cpu, Reason::Short(on_cpu)));
+        let this = on_cpu;
+        return Ok((Backend::Cpu, Reason::Short { this, generations }));
     }
     match on_device(problem, islands, generations) {
         Ok((device, on_device)) if on_device < on_cpu => {
             let reason = Reason::Faster {
                 this: on_device,
                 other: on_cpu,
+                generations,
                 name: "the CPU".to_owned(),
             };
             let device = Box::new(device);
@@ -92,6 +107,7 @@ pub fn faster(
             let reason = Reason::Faster {
                 this: on_cpu,
                 other: on_device,
+                generations,
                 name: device.adapter().to_string(),
             };
             Ok((Backend::Cpu, reason))
@@ -120,7 +136,7 @@ fn on_device(
     Ok((device, seconds))
 }
 
-/// Seconds for all generations of a search, from what `timed` says that [`TIMED`] generations of a part of it take: a part
+/// Seconds for so many generations of a search, from what `timed` says that [`TIMED`] generations of a part of it take: a part
 /// large enough, and, where a place is `wide`, one for which it takes longer than for a smaller part. One that is not full
 /// takes as long for many islands as for one.
 fn forecast<E>(
@@ -203,19 +219,19 @@ mod tests {
         let islands = vec![Island::new(problem.genes()); 3];
         let (backend, reason) = faster(&problem, &islands, 2).unwrap();
         assert!(matches!(backend, Backend::Cpu));
-        assert!(matches!(reason, Reason::Short(_)), "{reason}");
+        assert!(matches!(reason, Reason::Short { .. }), "{reason}");
     }
 
     #[test]
     fn a_long_search_takes_what_is_faster_or_all_there_is() {
-        let problem = problem(2);
-        let islands = vec![Island::new(problem.genes()); 6];
-        let (backend, reason) = faster(&problem, &islands, 10_000_000).unwrap();
+        let problem = problem(512);
+        let islands = vec![Island::new(problem.genes()); 3 * 512];
+        let (backend, reason) = faster(&problem, &islands, 1000).unwrap();
         println!("{reason}");
         match reason {
             Reason::Faster { this, other, .. } => assert!(this <= other),
             Reason::NoDevice(_) => assert!(matches!(backend, Backend::Cpu)),
-            Reason::Short(_) => panic!("{reason}"),
+            Reason::Short { .. } => panic!("{reason}"),
         }
     }
 }

@@ -47,6 +47,8 @@ const SETTLED: f64 = 0.05;
 
 /// Fewer rounds than this are never called settled.
 const LEAST_ROUNDS: usize = 4;
+/// Generations of those. Most searches have settled then.
+pub(crate) const LEAST_GENERATIONS: u32 = LEAST_ROUNDS as u32 * GENERATIONS_A_ROUND;
 
 /// Then sets that still gain go on alone, without generations, until so many times in a row have gained less than this
 /// share; at most so often.
