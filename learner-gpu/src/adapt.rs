@@ -99,12 +99,15 @@ struct Cloud {
     /// C, of which only the lower half counts.
     covariance: DMatrix<f64>,
     /// p_c and p_σ, the paths that the mean has gone.
-    path: DVector<f64>,
+    path: Column,
     step_path: DVector<f64>,
     /// What each parent counts, the best first: 1 together.
     weights: Vec<f64>,
     generation: i32,
 }
+
+/// A number of each parameter, then zeros: loops over all of it run on SIMD lanes without a rest.
+type Column = [f64; MOST_GENES];
 
 impl Cloud {
     /// Around a point, with so many parents in each generation.
@@ -118,7 +121,7 @@ impl Cloud {
             mean: DVector::from_iterator(n, from.iter().map(|&share| share.into())),
             step: FIRST_STEP,
             covariance: DMatrix::identity(n, n),
-            path: DVector::zeros(n),
+            path: [0.0; MOST_GENES],
             step_path: DVector::zeros(n),
             weights: weights.iter().map(|weight| weight / sum).collect(),
             generation: 0,
@@ -145,7 +148,8 @@ impl Cloud {
                 let halves = offspring.len() / OFFSPRING;
                 for (half, offspring) in offspring.chunks_mut(OFFSPRING).enumerate() {
                     let normal = normal(draws, generation * halves + half, self.mean.len());
-                    for (k, mean) in self.mean.iter().enumerate() {
+                    let mut points = [[0.0; OFFSPRING]; MOST_GENES];
+                    for (k, (mean, points)) in self.mean.iter().zip(&mut points).enumerate() {
                         let mut shares = [*mean; OFFSPRING];
                         // A has nothing above its diagonal.
                         for (normal, root) in normal.iter().zip(root.row(k).iter()).take(k + 1) {
@@ -153,11 +157,16 @@ impl Cloud {
                                 *share += self.step * root * normal;
                             }
                         }
-                        for (point, share) in offspring.iter_mut().zip(shares) {
-                            // The conversion puts what is below 0 on it.
-                            let gene = ((share * f64::from(GENE) + 0.5) as u32).min(GENE);
+                        for (point, share) in points.iter_mut().zip(shares) {
+                            let gene = share * f64::from(GENE) + 0.5;
+                            let gene = gene.clamp(0.0, f64::from(GENE)) as i32;
                             // Exact: f32 holds every gene.
-                            point[k] = gene as f32 * (1.0 / GENE as f32);
+                            *point = gene as f32 * (1.0 / GENE as f32);
+                        }
+                    }
+                    for (member, point) in offspring.iter_mut().enumerate() {
+                        for (share, row) in point.iter_mut().zip(&points) {
+                            *share = row[member];
                         }
                     }
                 }
@@ -184,14 +193,13 @@ impl Cloud {
         let expected = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
 
         // Steps from the mean, and the mean's own.
-        let mut steps = DMatrix::zeros(self.mean.len(), self.weights.len());
         let mut moved = DVector::zeros(self.mean.len());
-        let parents = steps.column_iter_mut().zip(parents).zip(&self.weights);
-        for ((mut step, point), weight) in parents {
-            for ((step, share), mean) in step.iter_mut().zip(point).zip(self.mean.iter()) {
-                *step = (f64::from(*share) - mean) / self.step;
+        let mut steps = self.steps(parents);
+        for (weight, step) in &mut steps {
+            for (moved, step) in moved.iter_mut().zip(step.iter()) {
+                *moved += *weight * step;
             }
-            moved.axpy(*weight, &step, 1.0);
+            *weight *= c_mu;
         }
         self.mean.axpy(self.step, &moved, 1.0);
         // The step size.
@@ -210,13 +218,54 @@ impl Cloud {
         } else {
             (0.0, c_1 * c_c * (2.0 - c_c))
         };
-        self.path.axpy(taken, &moved, 1.0 - c_c);
-        let kept = 1.0 - c_1 - c_mu + lost;
-        self.covariance.syger(c_1, &self.path, &self.path, kept);
-        for (weight, step) in self.weights.iter().zip(steps.column_iter()) {
-            self.covariance.syger(c_mu * weight, &step, &step, 1.0);
+        for (path, moved) in self.path.iter_mut().zip(&moved) {
+            *path = taken * moved + (1.0 - c_c) * *path;
         }
+        steps.insert(0, (c_1, self.path));
+        self.spread(1.0 - c_1 - c_mu + lost, &steps);
         self.step.is_finite()
+    }
+
+    /// The steps that lead from the mean to the parents, as shares of the step size, and what each counts.
+    fn steps<'a>(&self, parents: impl Iterator<Item = &'a [f32]>) -> Vec<(f64, Column)> {
+        let mut mean = [0.0; MOST_GENES];
+        mean[..self.mean.len()].copy_from_slice(self.mean.as_slice());
+        let mut steps = Vec::with_capacity(self.weights.len() + 1);
+        dispatch!(Level::new(), S => S::proof().vectorize(
+            #[inline(always)]
+            || {
+                for (point, weight) in parents.zip(&self.weights) {
+                    let mut shares = [0.0; MOST_GENES];
+                    shares[..point.len()].copy_from_slice(point);
+                    let step = |row: usize| (f64::from(shares[row]) - mean[row]) / self.step;
+                    steps.push((*weight, std::array::from_fn(step)));
+                }
+            },
+        ));
+        steps
+    }
+
+    /// Keeps so much of the covariance, and adds each step's product with itself as much as it counts.
+    fn spread(&mut self, kept: f64, steps: &[(f64, Column)]) {
+        let n = self.mean.len().max(1);
+        dispatch!(Level::new(), S => S::proof().vectorize(
+            #[inline(always)]
+            || {
+                // Column by column, whose sums stay in registers.
+                for (k, column) in self.covariance.as_mut_slice().chunks_exact_mut(n).enumerate() {
+                    let mut sums = [0.0; MOST_GENES];
+                    sums[..n].copy_from_slice(column);
+                    let mut sums = sums.map(|sum| kept * sum);
+                    for (counts, step) in steps {
+                        let share = counts * step[k];
+                        for (sum, step) in sums.iter_mut().zip(step) {
+                            *sum += share * step;
+                        }
+                    }
+                    column.copy_from_slice(&sums[..n]);
+                }
+            },
+        ));
     }
 }
 

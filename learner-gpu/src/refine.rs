@@ -484,6 +484,9 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
         let mut scale = [Lanes::<S>::zero(); MOST_VECTORS];
         // Of each vector of columns, the rows.
         let mut curvature = [[Lanes::<S>::zero(); MOST_GENES]; MOST_VECTORS];
+        // Each row writes what it reads of these, so they need not be cleared for each.
+        let mut across = [[Lanes::<S>::zero(); 3]; MOST_VECTORS];
+        let mut flat = [[0.0; WIDE]; 3];
         for motion in &self.motions {
             let rows = motion.landmarks();
             let a_vector = rows * 3 * lanes;
@@ -521,8 +524,6 @@ impl<S: Instructions, const N: usize> Valley<'_, S, N> {
                 let point = own.map(Lanes::<S>::splat);
                 let u = own.map(|x| Lanes::<S>::splat(x / norm));
                 let (weight, bend) = (Lanes::splat(weight), Lanes::splat(weight / norm));
-                let mut across = [[Lanes::<S>::zero(); 3]; MOST_VECTORS];
-                let mut flat = [[0.0; WIDE]; 3];
                 let mut moves = false;
                 for v in 0..vectors {
                     let slope: [Lanes<S>; 3] = std::array::from_fn(|c| {
@@ -636,10 +637,10 @@ fn descent<S: Instructions>(
         }
     }
     let mut step = [zero; MOST_GENES];
+    // Row by row, up to the diagonal. The loop writes what it reads of it, so it need not be cleared in each turn.
+    let mut lower = [zero; MOST_GENES * (MOST_GENES + 1) / 2];
+    let row = |a: usize| a * (a + 1) / 2;
     for _ in 0..3 {
-        // Row by row, up to the diagonal.
-        let mut lower = [zero; MOST_GENES * (MOST_GENES + 1) / 2];
-        let row = |a: usize| a * (a + 1) / 2;
         let mut inverse = [zero; MOST_GENES];
         for a in 0..free {
             for b in 0..=a {
