@@ -194,12 +194,11 @@ impl Cloud {
 
         // Steps from the mean, and the mean's own.
         let mut moved = DVector::zeros(self.mean.len());
-        let mut steps = self.steps(parents);
-        for (weight, step) in &mut steps {
-            for (moved, step) in moved.iter_mut().zip(step.iter()) {
-                *moved += *weight * step;
+        let steps = self.steps(parents);
+        for (weight, step) in self.weights.iter().zip(&steps) {
+            for (moved, step) in moved.iter_mut().zip(step) {
+                *moved += weight * step;
             }
-            *weight *= c_mu;
         }
         self.mean.axpy(self.step, &moved, 1.0);
         // The step size.
@@ -221,43 +220,44 @@ impl Cloud {
         for (path, moved) in self.path.iter_mut().zip(&moved) {
             *path = taken * moved + (1.0 - c_c) * *path;
         }
-        steps.insert(0, (c_1, self.path));
-        self.spread(1.0 - c_1 - c_mu + lost, &steps);
+        self.spread(1.0 - c_1 - c_mu + lost, c_1, c_mu, &steps);
         self.step.is_finite()
     }
 
-    /// The steps that lead from the mean to the parents, as shares of the step size, and what each counts.
-    fn steps<'a>(&self, parents: impl Iterator<Item = &'a [f32]>) -> Vec<(f64, Column)> {
+    /// The steps that lead from the mean to the parents, as shares of the step size.
+    fn steps<'a>(&self, parents: impl Iterator<Item = &'a [f32]>) -> Vec<Column> {
         let mut mean = [0.0; MOST_GENES];
         mean[..self.mean.len()].copy_from_slice(self.mean.as_slice());
-        let mut steps = Vec::with_capacity(self.weights.len() + 1);
+        let mut steps = Vec::with_capacity(self.weights.len());
         dispatch!(Level::new(), S => S::proof().vectorize(
             #[inline(always)]
             || {
-                for (point, weight) in parents.zip(&self.weights) {
+                for point in parents {
                     let mut shares = [0.0; MOST_GENES];
                     shares[..point.len()].copy_from_slice(point);
                     let step = |row: usize| (f64::from(shares[row]) - mean[row]) / self.step;
-                    steps.push((*weight, std::array::from_fn(step)));
+                    steps.push(std::array::from_fn(step));
                 }
             },
         ));
         steps
     }
 
-    /// Keeps so much of the covariance, and adds each step's product with itself as much as it counts.
-    fn spread(&mut self, kept: f64, steps: &[(f64, Column)]) {
+    /// C := kept·C + c_1·p_c·p_cᵀ + c_μ·Σ w·y·yᵀ, for the parents' steps y.
+    fn spread(&mut self, kept: f64, c_1: f64, c_mu: f64, steps: &[Column]) {
         let n = self.mean.len().max(1);
         dispatch!(Level::new(), S => S::proof().vectorize(
             #[inline(always)]
             || {
                 // Column by column, whose sums stay in registers.
                 for (k, column) in self.covariance.as_mut_slice().chunks_exact_mut(n).enumerate() {
-                    let mut sums = [0.0; MOST_GENES];
-                    sums[..n].copy_from_slice(column);
-                    let mut sums = sums.map(|sum| kept * sum);
-                    for (counts, step) in steps {
-                        let share = counts * step[k];
+                    let mut before = [0.0; MOST_GENES];
+                    before[..n].copy_from_slice(column);
+                    let share = c_1 * self.path[k];
+                    let mut sums: Column =
+                        std::array::from_fn(|row| kept * before[row] + share * self.path[row]);
+                    for (weight, step) in self.weights.iter().zip(steps) {
+                        let share = c_mu * weight * step[k];
                         for (sum, step) in sums.iter_mut().zip(step) {
                             *sum += share * step;
                         }

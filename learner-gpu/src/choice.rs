@@ -88,8 +88,11 @@ pub fn faster(
         Ok::<_, TaskError>(began.elapsed().as_secs_f64())
     })?;
     if on_cpu < SHORT {
-        let this = on_cpu;
-        return Ok((Backend::Cpu, Reason::Short { this, generations }));
+        let reason = Reason::Short {
+            this: on_cpu,
+            generations,
+        };
+        return Ok((Backend::Cpu, reason));
     }
     match on_device(problem, islands, generations) {
         Ok((device, on_device)) if on_device < on_cpu => {
